@@ -1,0 +1,32 @@
+"""starplumb: in-flight alignment of an Earth-observation camera with its star tracker.
+
+The constitution. Everything below holds in every module and is written down nowhere else.
+
+Frames, one capital letter each, all right-handed and orthonormal:
+
+====  =============================================================================================
+J     Earth-fixed (ITRF); positions live here and are never turned into another frame
+I     inertial (GCRF)
+E     star tracker: the frame in which the attitude is given
+K     camera: x right (growing column), y down (growing row), z along the boresight to the scene
+O     orbital: x along track, y opposite to the orbit normal, z down
+T     local level: x east, y north, z up
+====  =============================================================================================
+
+Names. ``C_BA`` takes coordinates from A to B (read "B from A"): ``v_B = C_BA @ v_A``; touching letters cancel,
+``C_JK = C_JE @ C_EK``; the inverse is ``C_EK.mT``. A vector ends in its frame: ``r_J``, ``e_K``, ``theta_E``.
+``_model`` marks the value known before, ``_true`` the truth of a simulation, no suffix the present estimate.
+
+Signs. ``C_EK_model = exp(theta_E) @ C_EK_true``; a correction is applied as ``C_EK_new = exp(d_E) @ C_EK_model``.
+A measured attitude or position is the true one plus its error: ``C_EJ = exp(alpha_E) @ C_EJ_true``,
+``r_J = r_J_true + rho_J``. ``exp`` and ``log`` are exact everywhere; small angles appear in Jacobians only.
+
+Units. SI and radians in every function; any other unit stands in the name (``sigma_arcsec``, ``column_px``) and only
+at the edge. Epochs are ``t_ns``: int64 nanoseconds of TAI since 2000-01-01T12:00:00 TAI, so that differences are exact.
+
+Shapes. Leading axes are the batch, trailing axes the object; ``()`` is one run.
+"""
+
+from __future__ import annotations
+
+__version__ = "0.1.0"

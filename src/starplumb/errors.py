@@ -1,0 +1,27 @@
+"""Errors that a user can mend: one sentence that names the file, the row or key, what was found and what is wanted."""
+
+from __future__ import annotations
+
+
+class StarplumbError(Exception):
+    """Base of every error starplumb raises on purpose; its text is meant for the user as it stands."""
+
+
+class InputError(StarplumbError):
+    """The input is unusable (exit status 2 of the commands)."""
+
+
+class EpochError(InputError):
+    """An epoch lies outside a series, in one of its gaps, or outside a table of Earth orientation or leap seconds.
+
+    ``row`` is the index of the first offending epoch among those asked for; callers that know which image or file
+    the epoch belongs to re-raise with that name.
+    """
+
+    def __init__(self, message: str, row: int = 0) -> None:
+        super().__init__(message)
+        self.row = row
+
+
+class AlignmentFailed(StarplumbError):
+    """The work was done but the answer must not be used (exit status 3); the text is the estimate's own message."""
