@@ -1,0 +1,182 @@
+"""Cameras: the map between pixels and tangents ``(x/z, y/z)`` of the look direction in K, for frame and line scanners.
+
+K looks along +z with x towards growing columns and y towards growing rows; vendors' axes are turned when read.
+Pixel (0, 0) is the centre of the first pixel; another origin is shifted when read.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+
+class Camera(Protocol):
+    """What the geometry asks of a camera.
+
+    ``scans`` says that a row is an epoch (line scanner), so that its look direction depends on the column alone.
+    """
+
+    @property
+    def scans(self) -> bool: ...
+
+    @property
+    def size_px(self) -> tuple[float, float]:
+        """Columns, rows; rows are infinite where the image has no stated end."""
+        ...
+
+    def tan_from_px(self, column_px: ArrayLike, row_px: ArrayLike) -> tuple[Array, Array]:
+        """Tangents xy_K (..., 2) and their slope d xy_K / d (column, row) (..., 2, 2), rad per pixel."""
+        ...
+
+    def px_from_tan(self, xy_K: ArrayLike) -> Array:
+        """Pixel (..., 2) of a look direction; a line scanner's row is then the offset from its own line, in pixels."""
+        ...
+
+
+@dataclass(frozen=True)
+class Distortion:
+    """Brown-Conrady: ideal tangents to those the optics give (the OpenCV convention).
+
+    ``x_d = x (1 + k1 r^2 + k2 r^4 + k3 r^6) + 2 p1 x y + p2 (r^2 + 2 x^2)``,
+    ``y_d = y (1 + k1 r^2 + k2 r^4 + k3 r^6) + p1 (r^2 + 2 y^2) + 2 p2 x y``.
+    Source: D. C. Brown, Decentering distortion of lenses, Photogrammetric Engineering 32 (1966).
+    """
+
+    k: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    p: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def is_zero(self) -> bool:
+        return not any(self.k) and not any(self.p)
+
+    def apply(self, xy: Array) -> tuple[Array, Array]:
+        """Distorted tangents (..., 2) and their Jacobian (..., 2, 2)."""
+        x, y = xy[..., 0], xy[..., 1]
+        (k1, k2, k3), (p1, p2) = self.k, self.p
+        r2 = x * x + y * y
+        radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
+        slope = k1 + r2 * (2.0 * k2 + r2 * 3.0 * k3)  # d radial / d r2
+        out = np.stack(
+            [
+                x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
+                y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
+            ],
+            axis=-1,
+        )
+        jacobian = np.empty((*x.shape, 2, 2))
+        jacobian[..., 0, 0] = radial + 2.0 * x * x * slope + 2.0 * p1 * y + 6.0 * p2 * x
+        jacobian[..., 1, 1] = radial + 2.0 * y * y * slope + 6.0 * p1 * y + 2.0 * p2 * x
+        jacobian[..., 0, 1] = jacobian[..., 1, 0] = 2.0 * x * y * slope + 2.0 * p1 * x + 2.0 * p2 * y
+        return out, jacobian
+
+    def remove(self, xy_d: Array) -> tuple[Array, Array]:
+        """Ideal tangents and d ideal / d distorted, by Newton's method (exact where the lens does not fold)."""
+        xy = xy_d.copy()
+        for _ in range(20):
+            out, jacobian = self.apply(xy)
+            step = np.linalg.solve(jacobian, (xy_d - out)[..., None])[..., 0]
+            xy += step
+            if np.all(np.abs(step) < 1e-15):
+                break
+        return xy, np.linalg.inv(self.apply(xy)[1])
+
+
+@dataclass(frozen=True)
+class FrameCamera:
+    """Central projection onto a matrix of pixels: ``(column, row) = principal point + (f / pitch) distorted(x/z, y/z)``.
+
+    Units: metres and pixels.
+    """
+
+    focal_length: float
+    pitch: float
+    principal_point_px: tuple[float, float]
+    size_px: tuple[float, float]
+    distortion: Distortion = field(default_factory=Distortion)
+    scans: bool = field(default=False, init=False)
+
+    def tan_from_px(self, column_px: ArrayLike, row_px: ArrayLike) -> tuple[Array, Array]:
+        scale = self.pitch / self.focal_length
+        column, row = np.broadcast_arrays(np.asarray(column_px, float), np.asarray(row_px, float))
+        xy = scale * np.stack([column - self.principal_point_px[0], row - self.principal_point_px[1]], axis=-1)
+        slope = np.broadcast_to(scale * np.eye(2), (*column.shape, 2, 2))
+        if self.distortion.is_zero:
+            return xy, slope
+        xy, inverse = self.distortion.remove(xy)
+        return xy, scale * inverse
+
+    def px_from_tan(self, xy_K: ArrayLike) -> Array:
+        xy = np.asarray(xy_K, dtype=np.float64)
+        if not self.distortion.is_zero:
+            xy, _ = self.distortion.apply(xy)
+        return np.asarray(self.principal_point_px + (self.focal_length / self.pitch) * xy)
+
+
+@dataclass(frozen=True)
+class LineScanCamera:
+    """One line of detectors, given by its look directions ``(tan_x, tan_y, 1)`` in K at the columns of a table.
+
+    Linear between the table's columns and beyond its ends with the last slope (a column outside the image is refused
+    where observations are read); ``tan_x`` must be strictly monotonic so that a direction has one column.
+    Shapes: ``column_px, tan_x, tan_y`` (d,), d >= 2.
+    """
+
+    column_px: Array
+    tan_x: Array
+    tan_y: Array
+    size_px: tuple[float, float]
+    scans: bool = field(default=True, init=False)
+
+    @classmethod
+    def from_optics(
+        cls,
+        focal_length: float,
+        pitch: float,
+        principal_point_px: tuple[float, float],
+        columns: int,
+        distortion: Distortion | None = None,
+        rows: float = np.inf,
+    ) -> LineScanCamera:
+        """Detectors of a straight line behind a lens; its offset from the optical axis is the principal point's row.
+
+        Without distortion two directions say all; with it every 16th detector is tabulated (the linear interpolation
+        between them is off by less than 1e-4 px where the distortion moves the line by less than 1000 px).
+        """
+        ends = np.array([0.0, columns - 1.0]) if columns > 1 else np.array([0.0, 1.0])
+        bent = distortion is not None and not distortion.is_zero
+        column = np.linspace(ends[0], ends[1], max(2, columns // 16)) if bent else ends
+        scale = pitch / focal_length
+        offset = np.full_like(column, principal_point_px[1])
+        xy = scale * np.stack([column - principal_point_px[0], offset], axis=-1)
+        if bent and distortion is not None:
+            xy, _ = distortion.remove(xy)
+        return cls(column, xy[:, 0], xy[:, 1], (float(columns), rows))
+
+    def _slope(self, values: Array, segment: NDArray[np.int64]) -> Array:
+        return np.asarray(
+            (values[segment + 1] - values[segment]) / (self.column_px[segment + 1] - self.column_px[segment])
+        )
+
+    def tan_from_px(self, column_px: ArrayLike, row_px: ArrayLike) -> tuple[Array, Array]:
+        column, _ = np.broadcast_arrays(np.asarray(column_px, float), np.asarray(row_px, float))
+        segment = np.clip(np.searchsorted(self.column_px, column, side="right") - 1, 0, self.column_px.size - 2)
+        slope = np.zeros((*column.shape, 2, 2))
+        slope[..., 0, 0] = self._slope(self.tan_x, segment)
+        slope[..., 1, 0] = self._slope(self.tan_y, segment)
+        start = np.stack([self.tan_x[segment], self.tan_y[segment]], axis=-1)
+        return start + slope[..., 0] * (column - self.column_px[segment])[..., None], slope
+
+    def px_from_tan(self, xy_K: ArrayLike) -> Array:
+        xy = np.asarray(xy_K, dtype=np.float64)
+        order = 1.0 if self.tan_x[-1] > self.tan_x[0] else -1.0
+        segment = np.searchsorted(order * self.tan_x, order * xy[..., 0], side="right") - 1
+        segment = np.clip(segment, 0, self.tan_x.size - 2)
+        column = self.column_px[segment] + (xy[..., 0] - self.tan_x[segment]) / self._slope(self.tan_x, segment)
+        line, slope = self.tan_from_px(column, 0.0)
+        pixel = np.hypot(slope[..., 0, 0], slope[..., 1, 0])
+        return np.stack([column, (xy[..., 1] - line[..., 1]) / pixel], axis=-1)

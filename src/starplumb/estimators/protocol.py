@@ -1,0 +1,82 @@
+"""What an estimator is, and the one door to it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import AlignmentFailed
+from ..observations import Observations
+
+Array = NDArray[np.float64]
+
+
+class Status(IntEnum):
+    """How an estimate ended; a batch keeps one per run, so that failures are counted and not lost."""
+
+    OK = 0
+    WEAK = 1
+    SINGULAR = 2
+    NOT_CONVERGED = 3
+
+    @property
+    def text(self) -> str:
+        return _TEXTS[self]
+
+    @property
+    def usable(self) -> bool:
+        return self in (Status.OK, Status.WEAK)
+
+
+_TEXTS = {
+    Status.OK: "",
+    Status.WEAK: "usable, but part of the alignment is poorly determined",
+    Status.SINGULAR: "the observations do not determine the alignment; wanted at least two markers well apart, or a prior",
+    Status.NOT_CONVERGED: "the iterations did not converge; the observations contradict each other or the model",
+}
+
+
+@dataclass(frozen=True)
+class AlignmentEstimate:
+    """An estimated mounting with what is known of its error.
+
+    ``C_EK`` (..., 3, 3); ``covariance_E`` (..., 3, 3) rad^2 of the estimate's error about E's axes with every stated
+    error source in it, None where the method has no covariance; ``status`` (...) of :class:`Status`;
+    ``chi2`` (...) with ``degrees_of_freedom``, None where the method has none; ``iterations`` (...).
+    """
+
+    C_EK: Array
+    covariance_E: Array | None
+    status: NDArray[np.int64]
+    iterations: NDArray[np.int64]
+    chi2: Array | None = None
+    degrees_of_freedom: NDArray[np.int64] | None = None
+
+    @property
+    def sigma_E(self) -> Array | None:
+        """Standard deviations about E's axes (..., 3), rad."""
+        if self.covariance_E is None:
+            return None
+        return np.asarray(np.sqrt(np.diagonal(self.covariance_E, axis1=-2, axis2=-1)))
+
+
+class Estimator(Protocol):
+    """A frozen set of options; calling it is pure.  ``C_EK`` is the model mounting (..., 3, 3)."""
+
+    def __call__(self, observations: Observations, C_EK: Array) -> AlignmentEstimate: ...
+
+
+def align(
+    observations: Observations, C_EK: Array, estimator: Estimator, throw: bool = True
+) -> AlignmentEstimate:
+    """Run an estimator; with ``throw`` an estimate that must not be used raises AlignmentFailed with its reason."""
+    estimate = estimator(observations, C_EK)
+    if throw:
+        worst = Status(int(np.max(estimate.status)))
+        if not worst.usable:
+            raise AlignmentFailed(worst.text)
+    return estimate

@@ -1,0 +1,37 @@
+"""The closed form: the rotation that best carries the measured directions onto those of the markers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..observations import Observations
+from .protocol import AlignmentEstimate, Status
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Wahba:
+    """Minimise ``sum w |e_E - C_EK e_K|^2``, any initial error, one step, no iteration.
+
+    ``B = sum w e_E e_K^T = U S V^T``, ``C_EK = U diag(1, 1, det U det V) V^T``, all sightings with the same weight:
+    errors that an image shares are not in it, so its angle about the boresight is several times worse than it need be,
+    and it states no covariance of its own.
+    Source: F. L. Markley, Attitude determination using vector observations and the singular value decomposition,
+    J. Astronautical Sciences 36 (1988).
+    """
+
+    def __call__(self, observations: Observations, C_EK: Array) -> AlignmentEstimate:
+        B = np.einsum(
+            "...n,...ni,...nj->...ij", observations.weight, observations.e_E, observations.e_K, optimize=False
+        )
+        U, S, Vt = np.linalg.svd(B)
+        sign = np.sign(np.linalg.det(U) * np.linalg.det(Vt))
+        U = U * np.stack([np.ones_like(sign), np.ones_like(sign), sign], axis=-1)[..., None, :]
+        # two directions fix the rotation: the second singular value measures how far apart they are (rad^2, times n)
+        singular = S[..., 1] + sign * S[..., 2] <= 1e-15 * S[..., 0]
+        status = np.where(singular, int(Status.SINGULAR), int(Status.OK))
+        return AlignmentEstimate(U @ Vt, None, status, np.ones_like(status))

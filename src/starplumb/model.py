@@ -1,0 +1,87 @@
+"""THE measurement equation.  Estimators, simulator and planner all call it; there is no second copy.
+
+A marker at p_J is seen from r_J in the apparent direction e_J; by the measured attitude that is ``e_E = C_EJ e_J``, in
+the camera ``s_K = C_KE e_E``, and the tangents ``h = (s_x/s_z, s_y/s_z)`` should be those of the measured pixel::
+
+    F(pixel, C_EK) = h(C_EK^T e_E) - xy_K = 0
+
+F is turned into pixels by ``B = -dF/d(column, row)`` (the camera's slope less the motion of the scene during a row),
+so that the residual ``z = B^-1 F`` is "predicted minus measured pixel" for frame and line-scan cameras alike and its
+noise is the pixel noise.  To first order::
+
+    z = H (theta_E + alpha_E) + R (rho_J - pi_J) + noise
+
+with theta_E the error of the model mounting, alpha_E that of the measured attitude, rho_J that of the measured
+position and pi_J that of the surveyed marker.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import so3
+from .observations import Observations
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Linearised:
+    """The measurement equation at a mounting.
+
+    ``z_px`` (..., n, 2) predicted minus measured pixel; ``H`` (..., n, 2, 3) px per rad about E's axes;
+    ``R`` (..., n, 2, 3) px per metre of the camera's position in J; ``in_front`` (..., n) False where the marker lies
+    behind the camera, so that its tangents mean nothing.
+    """
+
+    z_px: Array
+    H: Array
+    R: Array
+    in_front: NDArray[np.bool_]
+
+
+def _project(C_EK: Array, e_E: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Tangents h (..., n, 2), their derivative by s_K turned into E: P C_KE (..., n, 2, 3), and s_z > 0."""
+    s = e_E @ C_EK  # rows are (C_EK^T e)^T
+    z = s[..., 2]
+    h = s[..., :2] / z[..., None]
+    # P = (1/z) [[1, 0, -h_x], [0, 1, -h_y]]; P C_KE has rows (k_x - h_x k_z) / z with k_i the columns of C_EK
+    k = np.swapaxes(C_EK, -1, -2)[..., None, :, :]
+    P_E = (k[..., :2, :] - h[..., None] * k[..., 2:, :]) / z[..., None, None]
+    return h, P_E, z > 0.0
+
+
+def _pixel_frame(slope_K: Array, P_E: Array, row_rate_E: Array) -> Array:
+    """B^-1 (..., n, 2, 2): pixels per unit of tangent."""
+    B = np.array(np.broadcast_to(slope_K, np.broadcast_shapes(slope_K.shape, (*P_E.shape[:-2], 2, 2))))
+    B[..., :, 1] -= (P_E @ row_rate_E[..., None])[..., 0]
+    determinant = B[..., 0, 0] * B[..., 1, 1] - B[..., 0, 1] * B[..., 1, 0]
+    inverse = np.empty_like(B)
+    inverse[..., 0, 0], inverse[..., 1, 1] = B[..., 1, 1], B[..., 0, 0]
+    inverse[..., 0, 1], inverse[..., 1, 0] = -B[..., 0, 1], -B[..., 1, 0]
+    return np.asarray(inverse / determinant[..., None, None])
+
+
+def residual_px(observations: Observations, C_EK: Array) -> Array:
+    """Predicted minus measured pixel (column, row), (..., n, 2), at the mounting C_EK (..., 3, 3)."""
+    h, P_E, _ = _project(C_EK, observations.e_E)
+    to_px = _pixel_frame(observations.slope_K, P_E, observations.row_rate_E)
+    return np.asarray((to_px @ (h - observations.xy_K)[..., None])[..., 0])
+
+
+def linearise(observations: Observations, C_EK: Array) -> Linearised:
+    """Residual and Jacobians at the mounting C_EK (..., 3, 3).
+
+    ``H = B^-1 P C_KE [e_E]``: turning the mounting by d_E moves ``s_K`` by ``C_KE (e_E x d_E)``; ``R = -B^-1 P C_KE
+    C_EJ / range``, where the part of the displacement along the line of sight needs no removal since P s_K = 0.
+    """
+    h, P_E, in_front = _project(C_EK, observations.e_E)
+    to_px = _pixel_frame(observations.slope_K, P_E, observations.row_rate_E)
+    G = to_px @ P_E
+    z = (to_px @ (h - observations.xy_K)[..., None])[..., 0]
+    H = G @ so3.skew(observations.e_E)
+    R = -(G @ observations.C_EJ) / observations.range_m[..., None, None]
+    return Linearised(z, H, R, in_front)
