@@ -36,7 +36,7 @@ Bool = npt.NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class LeapSeconds:
-    """TAI - UTC is ``tai_minus_utc`` s from 0h UTC of ``mjd`` (epoch ``t_ns``) on, all (n,); until ``expiry_mjd``."""
+    """From 0h UTC of ``mjd`` (``t_ns``) TAI - UTC is ``tai_minus_utc`` s, all (n,); until ``expiry_mjd``."""
 
     mjd: Int64
     tai_minus_utc: Int64
