@@ -65,11 +65,22 @@ def _pixel_frame(slope_K: Array, P_E: Array, row_rate_E: Array) -> Array:
     return np.asarray(inverse / determinant[..., None, None])
 
 
+def predict(C_EK: Array, e_E: Array) -> Array:
+    """Tangents (..., n, 2) at which directions e_E (..., n, 3) appear in a camera mounted at C_EK (..., 3, 3)."""
+    return _project(C_EK, e_E)[0]
+
+
+def pixel_residual(C_EK: Array, e_E: Array, xy_K: Array, slope_K: Array, row_rate_E: Array) -> Array:
+    """z = B^-1 F: predicted minus measured pixel (column, row), (..., n, 2)."""
+    h, P_E, _ = _project(C_EK, e_E)
+    to_px = _pixel_frame(slope_K, P_E, row_rate_E)
+    return np.asarray((to_px @ (h - xy_K)[..., None])[..., 0])
+
+
 def residual_px(observations: Observations, C_EK: Array) -> Array:
     """Predicted minus measured pixel (column, row), (..., n, 2), at the mounting C_EK (..., 3, 3)."""
-    h, P_E, _ = _project(C_EK, observations.e_E)
-    to_px = _pixel_frame(observations.slope_K, P_E, observations.row_rate_E)
-    return np.asarray((to_px @ (h - observations.xy_K)[..., None])[..., 0])
+    o = observations
+    return pixel_residual(C_EK, o.e_E, o.xy_K, o.slope_K, o.row_rate_E)
 
 
 def linearise(observations: Observations, C_EK: Array) -> Linearised:

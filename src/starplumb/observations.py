@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .corrections import Corrections, apparent_direction
+
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
@@ -23,17 +25,19 @@ class Observations:
     landmark        (n,)          index of its landmark (its place error is that landmark's)
     xy_K            (..., n, 2)   measured tangents (x/z, y/z) of the look direction
     slope_K         (..., n, 2, 2) d xy_K / d (column, row) of the camera, rad per pixel
-    row_rate_E      (..., n, 3)   d e_E / d row, from the motion during the scan; zero for a frame camera
+    line_period_s   (n,)          duration of a row, s; zero for a frame camera
+    C_EJ, omega_E   (..., n, 3, 3), (..., n, 3)  measured attitude, and its rate: d C_EJ / dt = [omega_E] C_EJ, rad/s
+    r_J, v_J        (..., n, 3)   measured position, m, and velocity relative to the turning Earth, m/s
+    p_J             (..., n, 3)   surveyed marker, m
     e_E             (..., n, 3)   apparent direction of the marker by the measured attitude, orbit and survey
-    C_EJ            (..., n, 3, 3) measured attitude
-    p_J, r_J        (..., n, 3)   surveyed marker and measured camera position, m
-    range_m         (..., n)      distance between them
+    row_rate_E      (..., n, 3)   d e_E / d row, from the motion during the scan
+    range_m         (..., n)      distance from camera to marker
     sigma_px        (..., n)      standard deviation of column and of row, pixels
     weight          (..., n)      1, or 0 for a marker that was not seen, so that every batch is rectangular
     =============== ============= ==================================================================================
 
     Shared errors: ``cov_attitude_E`` (..., m, 3, 3) rad^2 about E's axes, ``cov_position_J`` (..., m, 3, 3) m^2,
-    ``cov_landmark_J`` (..., L, 3, 3) m^2.  ``prior_E`` (3, 3) rad^2 is what was known of the model mounting's error
+    ``cov_landmark_J`` (..., L, 3, 3) m^2.  ``corrections`` are those in ``e_E``.  ``prior_E`` (3, 3) rad^2 is what was known of the model mounting's error
     ``theta_E``, None for nothing.
     """
 
@@ -41,17 +45,21 @@ class Observations:
     landmark: Index
     xy_K: Array
     slope_K: Array
-    row_rate_E: Array
-    e_E: Array
+    line_period_s: Array
     C_EJ: Array
-    p_J: Array
+    omega_E: Array
     r_J: Array
+    v_J: Array
+    p_J: Array
+    e_E: Array
+    row_rate_E: Array
     range_m: Array
     sigma_px: Array
     weight: Array
     cov_attitude_E: Array
     cov_position_J: Array
     cov_landmark_J: Array
+    corrections: Corrections
     prior_E: Array | None = None
 
     def __post_init__(self) -> None:
@@ -86,6 +94,13 @@ class Observations:
         e = np.concatenate([self.xy_K, np.ones((*self.xy_K.shape[:-1], 1))], axis=-1)
         return np.asarray(e / np.linalg.norm(e, axis=-1, keepdims=True))
 
+    def with_geometry(self, **changes: Any) -> Observations:
+        """The same sightings with other measured geometry (C_EJ, r_J, p_J, corrections...), directions recomputed."""
+        changed = replace(self, **changes)
+        o = changed
+        directions = sight(o.p_J, o.r_J, o.v_J, o.C_EJ, o.omega_E, o.line_period_s, o.corrections)
+        return replace(changed, **directions)
+
     def select(self, keep: NDArray[np.bool_] | Index) -> Observations:
         """The sightings (n,) kept, with all images and landmarks as they were."""
         chosen: dict[str, Any] = {"image": self.image[keep], "landmark": self.landmark[keep]}
@@ -96,14 +111,32 @@ class Observations:
         return replace(self, **chosen)
 
 
+def sight(
+    p_J: Array, r_J: Array, v_J: Array, C_EJ: Array, omega_E: Array, line_period_s: Array, corrections: Corrections
+) -> dict[str, Array]:
+    """Fields ``e_E``, ``row_rate_E`` and ``range_m`` of sightings of markers p_J from stations (r_J, v_J, C_EJ, omega_E).
+
+    ``d e_E/dt = omega_E x e_E + C_EJ d e_J/dt`` with ``d e_J/dt = -(v_J - e_J (e_J . v_J)) / range``; the change of the
+    light effects during a row is 1e-5 of that and left out.
+    """
+    e_J, range_m = apparent_direction(p_J, r_J, v_J, corrections)
+    e_E = (C_EJ @ e_J[..., None])[..., 0]
+    drift_J = -(v_J - e_J * np.sum(e_J * v_J, axis=-1, keepdims=True)) / range_m[..., None]
+    rate = np.cross(omega_E, e_E) + (C_EJ @ drift_J[..., None])[..., 0]
+    return {"e_E": e_E, "row_rate_E": line_period_s[..., None] * rate, "range_m": range_m}
+
+
 _TAILS: dict[str, tuple[int, ...]] = {
     "xy_K": (2,),
     "slope_K": (2, 2),
-    "row_rate_E": (3,),
-    "e_E": (3,),
+    "line_period_s": (),
     "C_EJ": (3, 3),
-    "p_J": (3,),
+    "omega_E": (3,),
     "r_J": (3,),
+    "v_J": (3,),
+    "p_J": (3,),
+    "e_E": (3,),
+    "row_rate_E": (3,),
     "range_m": (),
     "sigma_px": (),
     "weight": (),

@@ -91,10 +91,11 @@ class Bursts:
         epoch, sample = format_iso(np.array([t_ns[row], self.t_ns[nearest[row]]]), "UTC")
         away = abs(int(t_ns[row]) - int(self.t_ns[nearest[row]])) * 1e-9
         between = self.t_ns[0] < t_ns[row] < self.t_ns[-1]
-        place = f"in a gap of the {what} (samples more than {self.limit_s:g} s apart are not joined)"
-        outside = f"outside the {what}, which is never extrapolated"
+        place = f"in a gap of {what} (samples more than {self.limit_s:g} s apart are not joined)"
+        outside = f"outside {what}, which is never extrapolated"
         raise EpochError(
-            f"epoch {epoch} UTC lies {place if between else outside}; the nearest sample is {away:.6g} s away, at {sample} UTC",
+            f"epoch {epoch} UTC lies {place if between else outside}; "
+            f"the nearest sample is {away:.6g} s away, at {sample} UTC",
             row,
         )
 
@@ -142,6 +143,8 @@ class Ephemeris:
     r_J: Array
     v_J: Array | None = None
     gap_s: float | None = None
+    name: str = "the ephemeris"
+    """What messages call it: the user's file."""
 
     def __post_init__(self) -> None:
         self._check_velocities()
@@ -165,21 +168,42 @@ class Ephemeris:
                 "wanted m/s in the frame of the positions (for ITRF relative to the turning Earth)"
             )
 
-    def at(self, t_ns: ArrayLike) -> tuple[Array, Array]:
+    def at(self, t_ns: ArrayLike, velocity: bool = True) -> tuple[Array, Array]:
         """Position r_J and velocity v_J at epochs of any shape (...) -> (..., 3) each.
 
+        With ``velocity`` False an epoch on a lone sample is accepted though nothing gives its velocity, which then is 0.
         Raises EpochError outside the samples, in a gap, or where a burst is too short to interpolate.
         """
         t = np.asarray(t_ns, dtype=np.int64)
         flat = t.reshape(-1)
         r, v = np.empty((flat.size, 3)), np.empty((flat.size, 3))
         width = 8 if self.v_J is None else 4
-        for queries, nodes in self.bursts.windows(flat, width, "ephemeris"):
-            r[queries], v[queries] = self._interpolate(flat[queries], nodes, queries)
+        for queries, nodes in self.bursts.windows(flat, width, self.name):
+            if self.v_J is None and nodes.shape[1] < 4:
+                r[queries], v[queries] = self._lone(flat[queries], nodes, queries, velocity)
+            else:
+                r[queries], v[queries] = self._interpolate(flat[queries], nodes)
         return r.reshape(*t.shape, 3), v.reshape(*t.shape, 3)
 
-    def _interpolate(self, t_ns: Epochs, nodes: NDArray[np.int64], queries: NDArray[np.int64]) -> tuple[Array, Array]:
-        k = nodes.shape[1]
+    def _lone(
+        self, t_ns: Epochs, nodes: NDArray[np.int64], queries: NDArray[np.int64], velocity: bool
+    ) -> tuple[Array, Array]:
+        """Positions of epochs that fall on samples of a burst too short to interpolate without velocities."""
+        away = np.abs(self.t_ns[nodes] - t_ns[:, None])
+        nearest = np.argmin(away, axis=1)
+        lacking = velocity | (np.min(away, axis=1) > COINCIDENCE_NS)
+        if np.any(lacking):
+            first, k = int(np.argmax(lacking)), nodes.shape[1]
+            raise EpochError(
+                f"{self.name} has only {k} sample{'s' if k > 1 else ''} around "
+                f"{format_iso(t_ns[first : first + 1], 'UTC')[0]} UTC and no velocities; wanted velocities "
+                "(vx_m_s, vy_m_s, vz_m_s) or at least 4 positions in a row",
+                int(queries[first]),
+            )
+        chosen = np.take_along_axis(nodes, nearest[:, None], axis=1)[:, 0]
+        return self.r_J[chosen], np.zeros((t_ns.size, 3))
+
+    def _interpolate(self, t_ns: Epochs, nodes: NDArray[np.int64]) -> tuple[Array, Array]:
         origin = self.t_ns[nodes[:, :1]]
         tau = (self.t_ns[nodes] - origin) * 1e-9
         x = (t_ns[:, None] - origin)[:, 0] * 1e-9
@@ -190,12 +214,6 @@ class Ephemeris:
             return (
                 np.einsum("qk,qki->qi", H, r) + np.einsum("qk,qki->qi", K, v),
                 np.einsum("qk,qki->qi", dH, r) + np.einsum("qk,qki->qi", dK, v),
-            )
-        if k < 4:
-            raise EpochError(
-                f"the ephemeris has only {k} sample{'s' if k > 1 else ''} around {format_iso(t_ns[:1], 'UTC')[0]} UTC "
-                "and no velocities; wanted velocities (vx_m_s, vy_m_s, vz_m_s) or at least 4 positions in a row",
-                int(queries[0]),
             )
         L, dL, _ = _lagrange(x, tau)
         return np.einsum("qk,qki->qi", L, r), np.einsum("qk,qki->qi", dL, r)
@@ -215,6 +233,8 @@ class Attitude:
     frame: Literal["GCRF", "ITRF"]
     orientation: Orientation | None = None
     gap_s: float | None = None
+    name: str = "the attitude"
+    """What messages call it: the user's file."""
 
     def __post_init__(self) -> None:
         if self.frame == "GCRF" and self.orientation is None:
@@ -233,7 +253,7 @@ class Attitude:
         epochs, back = np.unique(t.reshape(-1), return_inverse=True)
         C, omega = np.empty((epochs.size, 3, 3)), np.empty((epochs.size, 3))
         try:
-            for queries, nodes in self.bursts.windows(epochs, 4, "attitude"):
+            for queries, nodes in self.bursts.windows(epochs, 4, self.name):
                 C[queries], omega[queries] = self._interpolate(epochs[queries], nodes)
             C_EJ, omega_E = self._earth_fixed(epochs, C, omega)
         except EpochError as error:

@@ -25,9 +25,8 @@ class Wahba:
     """
 
     def __call__(self, observations: Observations, C_EK: Array) -> AlignmentEstimate:
-        B = np.einsum(
-            "...n,...ni,...nj->...ij", observations.weight, observations.e_E, observations.e_K, optimize=False
-        )
+        weighted_e_E = observations.weight[..., None] * observations.e_E
+        B = weighted_e_E.mT @ observations.e_K
         U, S, Vt = np.linalg.svd(B)
         sign = np.sign(np.linalg.det(U) * np.linalg.det(Vt))
         U = U * np.stack([np.ones_like(sign), np.ones_like(sign), sign], axis=-1)[..., None, :]

@@ -1,0 +1,141 @@
+"""A campaign as physics: what was flown, measured and surveyed, in SI units and the frames of the package; no files."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .camera import Camera
+from .corrections import Corrections
+from .series import Attitude, Ephemeris, Orientation
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+Epochs = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Landmarks:
+    """L surveyed markers: ``r_J`` (L, 3) m with ``covariance_J`` (L, 3, 3) m^2, known by ``ids`` without repetition."""
+
+    ids: tuple[str, ...]
+    r_J: Array
+    covariance_J: Array
+
+    def __post_init__(self) -> None:
+        n = _distinct("landmark", self.ids)
+        _shape("r_J", self.r_J, (n, 3))
+        _shape("covariance_J", self.covariance_J, (n, 3, 3))
+
+
+@dataclass(frozen=True)
+class Images:
+    """m images taken at ``t_ns`` (m,): mid-exposure of a frame; of row 0 for a line scanner, whose rows follow one
+    another by ``line_period_s`` (m,) (None for a frame)."""
+
+    ids: tuple[str, ...]
+    t_ns: Epochs
+    line_period_s: Array | None = None
+
+    def __post_init__(self) -> None:
+        m = _distinct("image", self.ids)
+        _shape("t_ns", self.t_ns, (m,))
+        if self.t_ns.dtype != np.int64:
+            raise ValueError(f"t_ns is {self.t_ns.dtype}, wanted int64")
+        if self.line_period_s is not None:
+            _shape("line_period_s", self.line_period_s, (m,))
+
+
+@dataclass(frozen=True)
+class Sightings:
+    """n marker images: indices ``image`` and ``landmark`` (n,), measured ``column_px`` and ``row_px`` (n,) with
+    ``sigma_px`` (n,) in either; ``check`` (n,) ones are kept out of the solution, to test it."""
+
+    image: Index
+    landmark: Index
+    column_px: Array
+    row_px: Array
+    sigma_px: Array
+    check: NDArray[np.bool_]
+
+    def __post_init__(self) -> None:
+        for name in ("image", "landmark", "column_px", "row_px", "sigma_px", "check"):
+            _shape(name, getattr(self, name), self.image.shape[:1])
+
+
+@dataclass(frozen=True)
+class Detections:
+    """n marker images whose landmark is not known: index ``image``, ``column_px``, ``row_px``, ``sigma_px`` (n,)."""
+
+    image: Index
+    column_px: Array
+    row_px: Array
+    sigma_px: Array
+
+    def __post_init__(self) -> None:
+        for name in ("image", "column_px", "row_px", "sigma_px"):
+            _shape(name, getattr(self, name), self.image.shape[:1])
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """Everything one calibration is made from.
+
+    ================== ================== =====================================================================
+    C_EK               (3, 3)             model mounting, that is to be corrected
+    sigma_mounting     (3,) or None       prior knowledge of its error about E's axes, rad; None for nothing
+    sigma_position     (3,)               position error an image's markers share, m, along ``position_frame``
+    sigma_attitude     (3,) or (m, 3)     attitude error an image's markers share, about E's axes, rad
+    orientation                           turns J into I, where the orbit's sigmas are stated along inertial axes
+    orientation                           of the Earth; needed where ``position_frame`` is inertial
+    ================== ================== =====================================================================
+    """
+
+    name: str
+    camera: Camera
+    C_EK: Array
+    sigma_mounting: Array | None
+    ephemeris: Ephemeris
+    sigma_position: Array
+    position_frame: Literal["ITRF", "GCRF"]
+    attitude: Attitude
+    sigma_attitude: Array
+    landmarks: Landmarks
+    images: Images
+    sightings: Sightings
+    corrections: Corrections
+    orientation: Orientation | None = None
+
+    def __post_init__(self) -> None:
+        _shape("C_EK", self.C_EK, (3, 3))
+        _shape("sigma_position", self.sigma_position, (3,))
+        if self.sigma_mounting is not None:
+            _shape("sigma_mounting", self.sigma_mounting, (3,))
+        m = len(self.images.ids)
+        if self.sigma_attitude.shape not in ((3,), (m, 3)):
+            raise ValueError(f"sigma_attitude has shape {self.sigma_attitude.shape}, wanted (3,) or ({m}, 3)")
+        if self.camera.scans and self.images.line_period_s is None:
+            raise ValueError("a line scanner's images need their line_period_s")
+        if self.position_frame == "GCRF" and self.orientation is None:
+            raise ValueError("an inertial position_frame needs the orientation of the Earth")
+        _indices("image", self.sightings.image, m)
+        _indices("landmark", self.sightings.landmark, len(self.landmarks.ids))
+
+
+def _shape(name: str, array: NDArray[Any], shape: tuple[int, ...]) -> None:
+    if array.shape != shape:
+        raise ValueError(f"{name} has shape {array.shape}, wanted {shape}")
+
+
+def _distinct(kind: str, ids: tuple[str, ...]) -> int:
+    if len(set(ids)) != len(ids):
+        raise ValueError(f"the {kind} ids repeat")
+    return len(ids)
+
+
+def _indices(kind: str, index: Index, count: int) -> None:
+    if index.size and not (0 <= index.min() and index.max() < count):
+        raise ValueError(f"a sighting's {kind} index lies outside 0 .. {count - 1}")

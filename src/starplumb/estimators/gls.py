@@ -1,0 +1,84 @@
+"""Generalised least squares: the default estimator, with every stated error where it belongs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import so3
+from ..adjustment import Adjustment, solve
+from ..model import linearise
+from ..observations import Observations
+from ..units import DEG
+from .protocol import AlignmentEstimate, Status
+from .wahba import Wahba
+
+Array = NDArray[np.float64]
+
+SINGULAR_SIGMA = 10.0 * DEG
+"""An alignment worse known than this about any axis is not determined: the linear covariance means nothing there."""
+
+
+@dataclass(frozen=True)
+class Gls:
+    """Minimise the residual of the measurement equation weighted by the covariance of ALL its stated errors.
+
+    Attitude and position errors are shared by the markers of an image, a marker's place error by its images, pixel
+    noise by nobody (:mod:`starplumb.adjustment`).  Gauss-Newton on the rotation group from the closed form
+    (:class:`Wahba`), so the size of the initial error does not matter::
+
+        C_EK <- exp(x) C_EK,    x = -(A^T V^-1 A)^-1 A^T V^-1 z,    covariance (A^T V^-1 A)^-1
+
+    For N images of M markers, r the rms field angle of the centred markers, H the range, s in radians::
+
+        s_xy^2 = [s_st^2   + (s_gps/H)^2]/N + [(s_gcp/H)^2 + s_pix^2]/(N M)
+        s_z^2  =  s_st,z^2             /N + [(s_gcp/H)^2 + s_pix^2]/(N M r^2)
+
+    A prior on the mounting (``observations.prior_E``) enters as a measurement of theta_E = 0.
+    """
+
+    tolerance: float = 1e-10
+    """Step, rad, at which the quadratic convergence has passed rounding."""
+    max_iterations: int = 20
+
+    def __call__(self, observations: Observations, C_EK: Array) -> AlignmentEstimate:
+        start = Wahba()(observations, C_EK)
+        closed = (start.status == int(Status.OK))[..., None, None]
+        C = np.where(closed, start.C_EK, C_EK)
+        converged = np.zeros(C.shape[:-2], dtype=bool)
+        iterations = np.zeros(C.shape[:-2], dtype=np.int64)
+        for _ in range(self.max_iterations):
+            step = adjust(observations, C, C_EK)
+            C = so3.exp(step.x) @ C
+            iterations += ~converged
+            converged = converged | (np.linalg.norm(step.x, axis=-1) < self.tolerance)
+            if np.all(converged):
+                break
+        return self._estimate(observations, C, C_EK, converged, iterations)
+
+    def _estimate(
+        self, observations: Observations, C: Array, C_EK_model: Array, converged: Array, iterations: Array
+    ) -> AlignmentEstimate:
+        final = adjust(observations, C, C_EK_model)
+        weakest = np.linalg.eigvalsh(final.information)[..., 0]
+        status = np.full(C.shape[:-2], int(Status.OK))
+        status[~converged | ~np.isfinite(final.chi2)] = int(Status.NOT_CONVERGED)
+        status[~(weakest > SINGULAR_SIGMA**-2)] = int(Status.SINGULAR)
+        seen = np.broadcast_to(np.sum(observations.weight > 0.0, axis=-1), status.shape)
+        dof = 2 * seen - 3 + (3 if observations.prior_E is not None else 0)
+        return AlignmentEstimate(C, final.covariance, status, iterations, final.chi2, dof)
+
+
+def adjust(observations: Observations, C_EK: Array, C_EK_model: Array) -> Adjustment:
+    """The linear step at C_EK, with the prior about the model mounting where there is one."""
+    model = linearise(observations, C_EK)
+    if observations.prior_E is None:
+        return solve(observations, model, model.H)
+    # exp(x) C = exp(c + J^-1 x) C_model with c = log(C C_model^T): the prior says c + J^-1 x ~ N(0, prior)
+    c = so3.log(C_EK @ C_EK_model.mT)
+    J = so3.left_jacobian(c)
+    J_inverse = np.linalg.inv(J)
+    information = J_inverse.mT @ np.linalg.inv(observations.prior_E) @ J_inverse
+    return solve(observations, model, model.H, information, -c)  # J c = c
