@@ -18,6 +18,10 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 
+ROW_TOLERANCE_PX = 1e-4
+"""Newton step after which a line scanner's row is found: epochs are whole nanoseconds, some 1e-5 of a row."""
+
+
 @dataclass(frozen=True)
 class Stations:
     """Where and how the camera stood when each of n pixels was exposed, as measured."""
@@ -137,7 +141,7 @@ def project(campaign: Campaign, C_EK: Array, image: Index, p_J: Array, start_px:
             return campaign.camera.px_from_tan(predict(C_EK, directions["e_E"]))
         step = _scan_step(campaign, C_EK, pixel, directions)
         pixel = pixel + step
-        if np.all(np.abs(step) < 1e-7):
+        if np.all(np.abs(step) < ROW_TOLERANCE_PX):
             return pixel
     raise InputError("the search for the row of a point did not converge; the point is not in the image")
 

@@ -92,7 +92,7 @@ def C_OK_nadir() -> Array:
 def turned(C_RO: Array, roll: ArrayLike, pitch: ArrayLike, yaw: ArrayLike) -> Array:
     """Orbital frame after a turn: yaw about z, then pitch about the new y, then roll about the new x (rad).
 
-    Positive pitch looks ahead... is fixed by the right-hand rule about y_O: z turns towards +x, the flight direction.
+    Positive pitch looks ahead (z turns towards +x), positive roll to the left of the flight (z turns towards -y).
     """
     axis = np.eye(3)
     angles = [np.asarray(angle, dtype=np.float64)[..., None] for angle in (yaw, pitch, roll)]

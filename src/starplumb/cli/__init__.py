@@ -1,0 +1,28 @@
+"""The command line: the only place that prints."""
+
+from __future__ import annotations
+
+import sys
+
+
+def main() -> None:
+    """Run the command; a user's mistake ends in one line on standard error and the exit status of the interface."""
+    from ..errors import AlignmentFailed, InputError
+    from .app import app
+
+    try:
+        app(prog_name="starplumb")
+    except InputError as error:
+        _complain(error)
+        sys.exit(2)
+    except AlignmentFailed as error:
+        _complain(error)
+        sys.exit(3)
+    except KeyboardInterrupt:
+        print("starplumb: interrupted", file=sys.stderr)  # noqa: T201
+        sys.exit(130)
+
+
+def _complain(error: Exception) -> None:
+    text = " ".join(str(error).split())
+    print(f"starplumb: {text}", file=sys.stderr)  # noqa: T201

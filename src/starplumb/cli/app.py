@@ -1,0 +1,37 @@
+"""The commands by name.  Each stands in a module of its own, which imports what it needs only when it runs."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from .. import __version__
+from .calibrate import calibrate
+
+app = typer.Typer(
+    help="In-flight alignment of an Earth-observation camera with its star tracker.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="rich",
+    epilog="Exit status: 0 done, 2 unusable input (one line says why), 3 done but the answer must not be used.",
+)
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"starplumb {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and exit.")
+    ] = False,
+) -> None:
+    pass
+
+
+for command in (calibrate,):
+    app.command()(command)

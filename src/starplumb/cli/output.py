@@ -1,0 +1,53 @@
+"""What every command prints with: tables for people, JSON for programs, notices on standard error."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from rich.console import Console, RenderableType
+
+Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON on standard output, nothing else.")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")]
+Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Say more: what was read, and each step.")]
+
+
+@dataclass(frozen=True)
+class Output:
+    """The way one command speaks: ``json`` prints only the document, ``quiet`` nothing, ``verbose`` details as well."""
+
+    json: bool = False
+    quiet: bool = False
+    verbose: bool = False
+
+    @property
+    def console(self) -> Console:
+        from rich.console import Console
+
+        return Console(highlight=False, soft_wrap=True)
+
+    def show(self, *parts: RenderableType) -> None:
+        """Tables and sentences for a person."""
+        if not (self.json or self.quiet):
+            self.console.print(*parts, sep="\n")
+
+    def detail(self, *parts: RenderableType) -> None:
+        if self.verbose:
+            self.show(*parts)
+
+    def document(self, document: dict[str, Any]) -> None:
+        """The same result for a program."""
+        if self.json:
+            typer.echo(json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False))
+
+    def notices(self, notices: Iterable[str]) -> None:
+        """What was left out or looks odd, one line each on standard error."""
+        if not self.quiet:
+            for notice in notices:
+                print(f"starplumb: note: {' '.join(notice.split())}", file=sys.stderr)  # noqa: T201

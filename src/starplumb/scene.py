@@ -1,0 +1,184 @@
+"""True scenes: an orbit flown, images pointed, markers surveyed, so that every measurement follows from known truth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from . import so3
+from .camera import Camera
+from .campaign import Campaign, Images, Landmarks, Sightings
+from .corrections import Corrections, inertial_velocity
+from .earth import C_JT, OMEGA_EARTH, geodetic_to_itrf, itrf_to_geodetic
+from .geometry import locate, project
+from .orbit import C_RO, KeplerOrbit, pointing
+from .series import Attitude, Ephemeris, Orientation
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+Epochs = NDArray[np.int64]
+
+SAMPLES_PER_SECOND = 8
+"""Rate of the simulated attitude and orbit samples around each image, Hz."""
+
+
+@dataclass(frozen=True)
+class Sigmas:
+    """Stated standard deviations: attitude (3,) rad about E, position (3,) m along J, markers (3,) m east, north, up,
+    pixels."""
+
+    attitude: Array
+    position: Array
+    landmark: Array
+    pixel: float
+
+
+def epochs_ns(epoch_ns: int, time_s: ArrayLike) -> Epochs:
+    """Epochs ``time_s`` after a reference."""
+    return np.asarray(epoch_ns + np.rint(1e9 * np.asarray(time_s, dtype=np.float64)), dtype=np.int64)
+
+
+def fly(orbit: KeplerOrbit, orientation: Orientation, epoch_ns: int, time_s: ArrayLike) -> tuple[Array, Array]:
+    """Earth-fixed r_J and v_J (relative to the turning Earth) along an inertial orbit, (..., 3) each."""
+    r_I, v_I = orbit.at(time_s)
+    C_JI = orientation.C_IJ(epochs_ns(epoch_ns, time_s)).mT
+    r_J, turning = ((C_JI @ vector[..., None])[..., 0] for vector in (r_I, v_I))
+    return r_J, turning - inertial_velocity(r_J, np.zeros_like(r_J))
+
+
+def burst_times(camera: Camera, image_time_s: Array, line_period_s: float) -> Array:
+    """Sample times (m, s) that cover the exposure of each image with a second to spare."""
+    rows = camera.size_px[1] if camera.scans and np.isfinite(camera.size_px[1]) else 0.0
+    duration = rows * line_period_s
+    count = int(np.ceil((duration + 2.0) * SAMPLES_PER_SECOND)) + 1
+    offsets = -1.0 + np.arange(count) / SAMPLES_PER_SECOND
+    return np.asarray(image_time_s[:, None] + offsets)
+
+
+@dataclass(frozen=True)
+class Pass:
+    """Images (m,) of a scene: time of mid-exposure, s after the scene's epoch, the point aimed at (m, 3) m in J, and a
+    turn about the boresight (m,) rad.  The attitude is held relative to the orbital frame while an image is taken."""
+
+    time_s: Array
+    aim_J: Array
+    yaw: Array
+
+
+def held_attitude(
+    orbit: KeplerOrbit, orientation: Orientation, epoch_ns: int, flight: Pass, sample_s: Array, C_EK: Array
+) -> Array:
+    """True C_EI (m, s, 3, 3) of images that keep their orientation in the orbital frame while they are taken."""
+    r_I, v_I = orbit.at(flight.time_s)
+    aim_I = (orientation.C_IJ(epochs_ns(epoch_ns, flight.time_s)) @ flight.aim_J[..., None])[..., 0]
+    C_IK = pointing(r_I, _scene_velocity(r_I, v_I, aim_I), aim_I, flight.yaw)
+    C_OK = C_RO(r_I, v_I).mT @ C_IK
+    C_IO = C_RO(*orbit.at(sample_s))
+    return np.asarray((C_IO @ C_OK[:, None] @ C_EK.mT).mT)
+
+
+def _scene_velocity(r_I: Array, v_I: Array, aim_I: Array) -> Array:
+    """Velocity of the camera relative to the ground below it, along inertial axes: rows follow it on the ground."""
+    carried = OMEGA_EARTH * np.stack([-aim_I[..., 1], aim_I[..., 0], np.zeros_like(aim_I[..., 0])], axis=-1)
+    return np.asarray(v_I - carried)
+
+
+def photograph(
+    camera: Camera,
+    orbit: KeplerOrbit,
+    orientation: Orientation,
+    epoch_ns: int,
+    flight: Pass,
+    C_EK: Array,
+    sigmas: Sigmas,
+    corrections: Corrections,
+    line_period_s: float = 0.0,
+    name: str = "simulated",
+) -> Campaign:
+    """A campaign without markers yet, its series exactly true and its mounting the true one."""
+    m = flight.time_s.size
+    start = flight.time_s.copy()
+    if camera.scans:
+        start = start - 0.5 * (camera.size_px[1] - 1.0) * line_period_s
+    sample_s = burst_times(camera, start, line_period_s)
+    order = np.argsort(start)
+    t_ns = epochs_ns(epoch_ns, sample_s)
+    C_EI = held_attitude(orbit, orientation, epoch_ns, flight, sample_s, C_EK)
+    r_J, v_J = fly(orbit, orientation, epoch_ns, sample_s)
+    t_all, first = np.unique(t_ns[order].reshape(-1), return_index=True)
+    gap_s = 2.0 / SAMPLES_PER_SECOND
+    return Campaign(
+        name=name,
+        camera=camera,
+        C_EK=C_EK,
+        sigma_mounting=None,
+        ephemeris=Ephemeris(t_all, r_J[order].reshape(-1, 3)[first], v_J[order].reshape(-1, 3)[first], gap_s),
+        sigma_position=sigmas.position,
+        position_frame="ITRF",
+        attitude=Attitude(
+            t_all, so3.to_quaternion(C_EI[order].reshape(-1, 3, 3)[first]), "GCRF", orientation, gap_s
+        ),
+        sigma_attitude=sigmas.attitude,
+        landmarks=Landmarks((), np.zeros((0, 3)), np.zeros((0, 3, 3))),
+        images=Images(
+            tuple(f"image{i + 1:02d}" for i in range(m)),
+            epochs_ns(epoch_ns, start),
+            np.full(m, line_period_s) if camera.scans else None,
+        ),
+        sightings=_no_sightings(),
+        corrections=corrections,
+        orientation=orientation,
+    )
+
+
+def _no_sightings() -> Sightings:
+    none = np.zeros(0)
+    return Sightings(none.astype(int), none.astype(int), none, none, none, none.astype(bool))
+
+
+def survey(r_J: Array, sigma_enu: Array) -> Landmarks:
+    """Landmarks at r_J (L, 3) with the same sigmas east, north and up (3,) m."""
+    latitude, longitude, _ = itrf_to_geodetic(r_J)
+    C = C_JT(latitude, longitude)
+    covariance = C @ np.diag(sigma_enu**2) @ C.mT
+    return Landmarks(tuple(f"gcp{i + 1:03d}" for i in range(len(r_J))), r_J, covariance)
+
+
+def mark_pixels(campaign: Campaign, image: Index, pixel: Array, height: ArrayLike, sigmas: Sigmas) -> Campaign:
+    """The campaign with a landmark of its own under each of the pixels (n, 2) of images (n,)."""
+    p_J = locate(campaign, campaign.C_EK, image, pixel[:, 0], pixel[:, 1], height)
+    return _with_markers(campaign, survey(p_J, sigmas.landmark), image, np.arange(image.size), pixel, sigmas)
+
+
+def mark_site(campaign: Campaign, p_J: Array, sigmas: Sigmas) -> Campaign:
+    """The campaign with landmarks p_J (L, 3) sighted in every image whose frame they fall into."""
+    m, L = len(campaign.images.ids), len(p_J)
+    image, landmark = np.repeat(np.arange(m), L), np.tile(np.arange(L), m)
+    pixel = project(campaign, campaign.C_EK, image, p_J[landmark])
+    columns, rows = campaign.camera.size_px
+    inside = (pixel[:, 0] >= 0) & (pixel[:, 0] <= columns - 1) & (pixel[:, 1] >= 0) & (pixel[:, 1] <= rows - 1)
+    landmarks = survey(p_J, sigmas.landmark)
+    return _with_markers(campaign, landmarks, image[inside], landmark[inside], pixel[inside], sigmas)
+
+
+def _with_markers(
+    campaign: Campaign, landmarks: Landmarks, image: Index, landmark: Index, pixel: Array, sigmas: Sigmas
+) -> Campaign:
+    n = image.size
+    sightings = Sightings(
+        image, landmark, pixel[:, 0], pixel[:, 1], np.full(n, sigmas.pixel), np.zeros(n, dtype=bool)
+    )
+    return replace(campaign, landmarks=landmarks, sightings=sightings)
+
+
+def site_grid(latitude: float, longitude: float, height: ArrayLike, east_north: Array) -> Array:
+    """Points p_J (L, 3) on the ground at offsets east, north (L, 2) m from a site (rad), at heights above the ellipsoid.
+
+    The offsets are laid along the surface, so the points follow its curvature.
+    """
+    offset = np.concatenate([east_north, np.zeros((len(east_north), 1))], axis=-1)
+    centre = geodetic_to_itrf(latitude, longitude, 0.0)
+    lat, lon, _ = itrf_to_geodetic(centre + offset @ C_JT(latitude, longitude).mT)
+    return geodetic_to_itrf(lat, lon, np.broadcast_to(height, lat.shape))
