@@ -1,4 +1,5 @@
-"""A campaign as physics: what was flown, measured and surveyed, in SI units and the frames of the package; no files."""
+"""A campaign as physics: what was flown, measured and surveyed, in SI units and the frames of the package; no
+files."""
 
 from __future__ import annotations
 
@@ -19,7 +20,8 @@ Epochs = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Landmarks:
-    """L surveyed markers: ``r_J`` (L, 3) m with ``covariance_J`` (L, 3, 3) m^2, known by ``ids`` without repetition."""
+    """L surveyed markers: ``r_J`` (L, 3) m with ``covariance_J`` (L, 3, 3) m^2, known by ``ids`` without
+    repetition."""
 
     ids: tuple[str, ...]
     r_J: Array
@@ -33,8 +35,8 @@ class Landmarks:
 
 @dataclass(frozen=True)
 class Images:
-    """m images taken at ``t_ns`` (m,): mid-exposure of a frame; of row 0 for a line scanner, whose rows follow one
-    another by ``line_period_s`` (m,) (None for a frame)."""
+    """m images taken at ``t_ns`` (m,): mid-exposure of a frame; of row 0 for a line scanner, whose rows
+    follow one another by ``line_period_s`` (m,) (None for a frame)."""
 
     ids: tuple[str, ...]
     t_ns: Epochs
@@ -51,8 +53,8 @@ class Images:
 
 @dataclass(frozen=True)
 class Sightings:
-    """n marker images: indices ``image`` and ``landmark`` (n,), measured ``column_px`` and ``row_px`` (n,) with
-    ``sigma_px`` (n,) in either; ``check`` (n,) ones are kept out of the solution, to test it."""
+    """n marker images: indices ``image`` and ``landmark`` (n,), measured ``column_px`` and ``row_px`` (n,)
+    with ``sigma_px`` (n,) in either; ``check`` (n,) ones are kept out of the solution, to test it."""
 
     image: Index
     landmark: Index
@@ -68,7 +70,8 @@ class Sightings:
 
 @dataclass(frozen=True)
 class Detections:
-    """n marker images whose landmark is not known: index ``image``, ``column_px``, ``row_px``, ``sigma_px`` (n,)."""
+    """n marker images whose landmark is not known: index ``image``, ``column_px``, ``row_px``, ``sigma_px``
+    (n,)."""
 
     image: Index
     column_px: Array
@@ -84,14 +87,13 @@ class Detections:
 class Campaign:
     """Everything one calibration is made from.
 
-    ================== ================== =====================================================================
-    C_EK               (3, 3)             model mounting, that is to be corrected
-    sigma_mounting     (3,) or None       prior knowledge of its error about E's axes, rad; None for nothing
-    sigma_position     (3,)               position error an image's markers share, m, along ``position_frame``
-    sigma_attitude     (3,) or (m, 3)     attitude error an image's markers share, about E's axes, rad
-    orientation                           turns J into I, where the orbit's sigmas are stated along inertial axes
-    orientation                           of the Earth; needed where ``position_frame`` is inertial
-    ================== ================== =====================================================================
+    ================ =============== ==================================================================
+    C_EK             (3, 3)          model mounting, that is to be corrected
+    sigma_mounting   (3,) or None    prior knowledge of its error about E's axes, rad; None for nothing
+    sigma_position   (3,)            position error an image's markers share, m, along ``position_frame``
+    sigma_attitude   (3,) or (m, 3)  attitude error an image's markers share, about E's axes, rad
+    orientation                      of the Earth; needed where ``position_frame`` is inertial
+    ================ =============== ==================================================================
     """
 
     name: str
@@ -137,5 +139,5 @@ def _distinct(kind: str, ids: tuple[str, ...]) -> int:
 
 
 def _indices(kind: str, index: Index, count: int) -> None:
-    if index.size and not (0 <= index.min() and index.max() < count):
+    if index.size and not (index.min() >= 0 and index.max() < count):
         raise ValueError(f"a sighting's {kind} index lies outside 0 .. {count - 1}")

@@ -6,22 +6,33 @@ Values stay in the units their keys name; :mod:`starplumb.io.campaign` brings th
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from itertools import pairwise
-from math import sqrt
 from typing import Annotated, Any, Literal
 
-import numpy as np
 from pydantic import BeforeValidator, Field
 
-from .files import nearest, show
-from .sections import Section, number, one_or_three, vector, wrong
+from .files import show
+from .sections import Section, wrong
+from .values import (
+    Frame,
+    Matrix,
+    Pair,
+    Positive,
+    Prior,
+    Quaternion,
+    Sigma,
+    Text,
+    Triple,
+    WholePair,
+    choice,
+    euler_order,
+    frame_name,
+    printable,
+)
 
 CAMERA = "camera"
 """The camera's side of the mounting."""
 EARTH_FRAMES = ("GCRF", "J2000", "ITRF")
 """Frames an attitude may start from or lead to; J2000 is read as a synonym of GCRF."""
-UNIT_TOLERANCE = 1e-3
-"""How far a quaternion's norm may be from 1 and a matrix from orthonormal; both are then made exact."""
 
 SUFFIXES = {
     "ephemeris": (".csv", ".oem", ".xml", ".sp3", ".bsp"),
@@ -33,111 +44,11 @@ SUFFIXES = {
 }
 
 
-def _positive(x: float) -> bool:
-    return x > 0.0
-
-
-def _not_negative(x: float) -> bool:
-    return x >= 0.0
-
-
-def _text(value: object) -> object:
-    if isinstance(value, str) and (not value.strip() or not value.isprintable()):
-        raise wrong(value, "a name of printable letters")
-    return value
-
-
-def _frame(value: object) -> object:
-    return "GCRF" if value == "J2000" else value
-
-
-def _choice(*words: str) -> BeforeValidator:
-    """One of a few words; a near miss is told the word that is meant."""
-
-    def check(value: object) -> object:
-        if value in words:
-            return value
-        listed = (
-            " or ".join([", ".join(f'"{word}"' for word in words[:-1]), f'"{words[-1]}"'])
-            if words[1:]
-            else words[0]
-        )
-        meant = nearest(value, words) if isinstance(value, str) else None
-        raise wrong(value, listed + (f' (perhaps "{meant}")' if meant and len(words) > 2 else ""))
-
-    return BeforeValidator(check)
-
-
-def _unit_quaternion(value: object) -> tuple[float, ...]:
-    q = vector(4, "four finite numbers, a quaternion of norm 1")(value)
-    norm = sqrt(sum(x * x for x in q))
-    if abs(norm - 1.0) > UNIT_TOLERANCE:
-        raise wrong(value, f"a quaternion of norm 1 (its norm is {norm:.6g})")
-    return q
-
-
-def _rotation_matrix(value: object) -> tuple[tuple[float, ...], ...]:
-    wanted = "three rows of three numbers, a rotation matrix"
-    if not isinstance(value, list | tuple) or len(value) != 3:
-        raise wrong(value, wanted)
-    rows = tuple(vector(3, wanted)(row) for row in value)
-    C = np.array(rows)
-    off = float(np.abs(C @ C.mT - np.eye(3)).max())
-    if off > UNIT_TOLERANCE:
-        raise wrong(value, f"a rotation matrix (C times its transpose is off the identity by {off:.3g})")
-    if np.linalg.det(C) < 0.0:
-        raise wrong(value, "a rotation matrix of determinant +1 (this one mirrors: its determinant is -1)")
-    return rows
-
-
-def _euler_order(value: object) -> object:
-    order = value if isinstance(value, str) else ""
-    one_case = order in (order.lower(), order.upper())
-    if (
-        len(order) != 3
-        or set(order.lower()) - set("xyz")
-        or not one_case
-        or any(a == b for a, b in pairwise(order))
-    ):
-        raise wrong(
-            value,
-            'three axes such as "ZYX" (about the turned axes) or "xyz" (about the fixed axes)',
-        )
-    return value
-
-
-def _whole_pair(value: object) -> tuple[int, ...]:
-    items = value if isinstance(value, list | tuple) else ()
-    whole = tuple(n for n in items if isinstance(n, int) and not isinstance(n, bool) and 1 <= n <= 10_000_000)
-    if len(items) != 2 or len(whole) != 2:
-        raise wrong(value, "two positive whole numbers, columns and rows")
-    return whole
-
-
-Text = Annotated[str, BeforeValidator(_text)]
-Positive = Annotated[float, BeforeValidator(number("a positive number", _positive))]
-Quaternion = Annotated[tuple[float, float, float, float], BeforeValidator(_unit_quaternion)]
-Matrix = Annotated[tuple[tuple[float, float, float], ...], BeforeValidator(_rotation_matrix)]
-Triple = Annotated[tuple[float, float, float], BeforeValidator(vector(3, "three finite numbers"))]
-Pair = Annotated[tuple[float, float], BeforeValidator(vector(2, "two finite numbers"))]
-WholePair = Annotated[tuple[int, int], BeforeValidator(_whole_pair)]
-Sigma = Annotated[
-    tuple[float, float, float],
-    BeforeValidator(
-        one_or_three("one number or three, none negative (0 claims an exact value)", _not_negative)
-    ),
-]
-Prior = Annotated[
-    tuple[float, float, float], BeforeValidator(one_or_three("one positive number or three", _positive))
-]
-Frame = Annotated[Literal["ITRF", "GCRF"], _choice("ITRF", "GCRF"), BeforeValidator(_frame)]
-
-
 class General(Section):
     """[campaign]"""
 
     name: Text = Field(description="the campaign's name in quotes")
-    time_scale: Annotated[Literal["UTC", "TAI", "GPS", "TT"], _choice("UTC", "TAI", "GPS", "TT")] = Field(
+    time_scale: Annotated[Literal["UTC", "TAI", "GPS", "TT"], choice("UTC", "TAI", "GPS", "TT")] = Field(
         description='the scale of all times in the CSV tables, "UTC", "TAI", "GPS" or "TT"'
     )
 
@@ -145,11 +56,9 @@ class General(Section):
 class Distortion(Section):
     """camera.distortion: Brown-Conrady, from ideal tangents to those the optics give."""
 
-    model: Annotated[Literal["brown-conrady"], _choice("brown-conrady")] = Field(
-        description='"brown-conrady"'
-    )
-    k: Triple = Field((0.0, 0.0, 0.0), description="the three radial coefficients")
-    p: Pair = Field((0.0, 0.0), description="the two tangential coefficients")
+    model: Annotated[Literal["brown-conrady"], choice("brown-conrady")] = Field(description='"brown-conrady"')
+    k: Triple = Field(default=(0.0, 0.0, 0.0), description="the three radial coefficients")
+    p: Pair = Field(default=(0.0, 0.0), description="the two tangential coefficients")
 
 
 _OPTICS = ("focal_length_mm", "pixel_pitch_um", "image_size_px", "principal_point_px")
@@ -158,24 +67,26 @@ _OPTICS = ("focal_length_mm", "pixel_pitch_um", "image_size_px", "principal_poin
 class CameraConfig(Section):
     """[camera]: optics, or a line scanner's table of look directions."""
 
-    model: Annotated[Literal["frame", "line-scan"], _choice("frame", "line-scan")] = Field(
+    model: Annotated[Literal["frame", "line-scan"], choice("frame", "line-scan")] = Field(
         description='"frame" or "line-scan"'
     )
     focal_length_mm: Positive | None = Field(
-        None, description="the focal length, a positive number of millimetres"
+        default=None, description="the focal length, a positive number of millimetres"
     )
     pixel_pitch_um: Positive | None = Field(
-        None, description="the pixel pitch, a positive number of micrometres"
+        default=None, description="the pixel pitch, a positive number of micrometres"
     )
-    image_size_px: WholePair | None = Field(None, description="two positive whole numbers, columns and rows")
+    image_size_px: WholePair | None = Field(
+        default=None, description="two positive whole numbers, columns and rows"
+    )
     principal_point_px: Pair | None = Field(
-        None, description="two numbers, column and row of the principal point"
+        default=None, description="two numbers, column and row of the principal point"
     )
-    pixel_origin: Annotated[Literal["center", "corner"], _choice("center", "corner")] = Field(
-        "center", description='"center" or "corner"'
+    pixel_origin: Annotated[Literal["center", "corner"], choice("center", "corner")] = Field(
+        default="center", description='"center" or "corner"'
     )
-    distortion: Distortion | None = Field(None, description="a section with model, k and p")
-    look_angles: Text | None = Field(None, description="the name of a CSV table")
+    distortion: Distortion | None = Field(default=None, description="a section with model, k and p")
+    look_angles: Text | None = Field(default=None, description="the name of a CSV table")
 
     @classmethod
     def rules(cls, given: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
@@ -203,21 +114,21 @@ _ROTATIONS = ("quaternion_xyzw", "quaternion_wxyz", "matrix", "rotation_vector_d
 class Mounting(Section):
     """[mounting]: the model alignment, a rotation that takes coordinates in ``from`` to those in ``to``.
 
-    ``euler_deg`` and ``euler_order`` read as ``scipy.spatial.transform.Rotation.from_euler``: capital letters turn
-    about the axes as turned so far, small ones about the fixed axes, in the order written.
+    ``euler_deg`` with ``euler_order`` reads as ``scipy.spatial.transform.Rotation.from_euler``: capital
+    letters turn about the axes as turned so far, small ones about the fixed axes, in the order written.
     """
 
     source: Text = Field(alias="from", description='"camera" or the star tracker\'s name')
     target: Text = Field(alias="to", description='the star tracker\'s name or "camera"')
-    quaternion_xyzw: Quaternion | None = Field(None, description="four numbers, scalar last")
-    quaternion_wxyz: Quaternion | None = Field(None, description="four numbers, scalar first")
-    matrix: Matrix | None = Field(None, description="three rows of three numbers")
-    rotation_vector_deg: Triple | None = Field(None, description="three numbers")
-    euler_deg: Triple | None = Field(None, description="three angles")
-    euler_order: Annotated[str, BeforeValidator(_euler_order)] | None = Field(
-        None, description='three axes such as "ZYX" or "xyz"'
+    quaternion_xyzw: Quaternion | None = Field(default=None, description="four numbers, scalar last")
+    quaternion_wxyz: Quaternion | None = Field(default=None, description="four numbers, scalar first")
+    matrix: Matrix | None = Field(default=None, description="three rows of three numbers")
+    rotation_vector_deg: Triple | None = Field(default=None, description="three numbers")
+    euler_deg: Triple | None = Field(default=None, description="three angles")
+    euler_order: Annotated[str, BeforeValidator(euler_order)] | None = Field(
+        default=None, description='three axes such as "ZYX" or "xyz"'
     )
-    sigma_arcsec: Prior | None = Field(None, description="one positive number or three")
+    sigma_arcsec: Prior | None = Field(default=None, description="one positive number or three")
 
     @classmethod
     def rules(cls, given: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
@@ -239,7 +150,7 @@ def _table(section: str) -> BeforeValidator:
     def check(value: object) -> object:
         if isinstance(value, str) and not value.lower().endswith(endings):
             raise wrong(value, f"a file name ending in {', '.join(endings)}")
-        return _text(value)
+        return printable(value)
 
     return BeforeValidator(check)
 
@@ -251,10 +162,10 @@ class EphemerisConfig(Section):
     frame: Frame = Field(description='"ITRF" or "GCRF"')
     sigma_m: Sigma = Field(description="the position's sigma (one number or three), which the solution needs")
     max_gap_s: Positive | None = Field(
-        None, description="the largest spacing joined by interpolation, a positive number"
+        default=None, description="the largest spacing joined by interpolation, a positive number"
     )
     object: Text | None = Field(
-        None, description="the satellite's name or number in a file that holds several"
+        default=None, description="the satellite's name or number in a file that holds several"
     )
 
 
@@ -262,15 +173,17 @@ class AttitudeConfig(Section):
     """[attitude]: the quaternion takes ``from`` to ``to``; one of them is GCRF or ITRF."""
 
     file: Annotated[str, _table("attitude")] = Field(description="the name of the file of quaternions")
-    source: Annotated[str, BeforeValidator(_text), BeforeValidator(_frame)] = Field(
+    source: Annotated[str, BeforeValidator(printable), BeforeValidator(frame_name)] = Field(
         alias="from", description='"GCRF", "ITRF" or the star tracker\'s name'
     )
-    target: Annotated[str, BeforeValidator(_text), BeforeValidator(_frame)] = Field(
+    target: Annotated[str, BeforeValidator(printable), BeforeValidator(frame_name)] = Field(
         alias="to", description='the star tracker\'s name, "GCRF" or "ITRF"'
     )
-    sigma_arcsec: Sigma | None = Field(None, description="one number or three about the star tracker's axes")
+    sigma_arcsec: Sigma | None = Field(
+        default=None, description="one number or three about the star tracker's axes"
+    )
     max_gap_s: Positive | None = Field(
-        None, description="the largest spacing joined by interpolation, a positive number"
+        default=None, description="the largest spacing joined by interpolation, a positive number"
     )
 
     @classmethod
@@ -310,9 +223,9 @@ class DetectionsConfig(Section):
 class CorrectionsConfig(Section):
     """[corrections]; a key left out has the value written here."""
 
-    light_time: bool = Field(True, description="true or false")
-    aberration: bool = Field(True, description="true or false")
-    refraction: bool = Field(False, description="true or false")
+    light_time: bool = Field(default=True, description="true or false")
+    aberration: bool = Field(default=True, description="true or false")
+    refraction: bool = Field(default=False, description="true or false")
 
 
 class EarthConfig(Section):
@@ -333,12 +246,16 @@ class CampaignConfig(Section):
     )
     landmarks: LandmarksConfig = Field(description="the section [landmarks] with file")
     images: ImagesConfig = Field(description="the section [images] with file")
-    observations: ObservationsConfig | None = Field(None, description="the section [observations] with file")
-    detections: DetectionsConfig | None = Field(None, description="the section [detections] with file")
+    observations: ObservationsConfig | None = Field(
+        default=None, description="the section [observations] with file"
+    )
+    detections: DetectionsConfig | None = Field(
+        default=None, description="the section [detections] with file"
+    )
     corrections: CorrectionsConfig = Field(
         default_factory=lambda: CorrectionsConfig(), description="the section [corrections]"
     )
-    earth: EarthConfig | None = Field(None, description="the section [earth] with orientation_file")
+    earth: EarthConfig | None = Field(default=None, description="the section [earth] with orientation_file")
 
     @property
     def tracker(self) -> str:

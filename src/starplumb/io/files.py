@@ -20,7 +20,7 @@ _MARKS = (
 
 
 def show(value: object) -> str:
-    """``value`` as one short line: text in double quotes, control characters escaped, truth values as in TOML."""
+    """``value`` as one short line: text in double quotes, control characters escaped, as in TOML."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, list | tuple):

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from math import isfinite
+from collections.abc import Iterator, Mapping
 from typing import Any, Self
 
 from pydantic import BaseModel, ConfigDict, ModelWrapValidatorHandler, ValidationError, model_validator
@@ -21,53 +20,6 @@ def _sentence(text: str) -> PydanticCustomError:
     return PydanticCustomError("sentence", "{text}", {"text": text})
 
 
-def number(wanted: str, good: Callable[[float], bool] = isfinite) -> Callable[[object], float]:
-    """Validator of one finite number for which ``good`` holds; text and truth values do not pass."""
-
-    def check(value: object) -> float:
-        x = _float(value)
-        if x is None or not good(x):
-            raise wrong(value, wanted)
-        return x
-
-    return check
-
-
-def vector(
-    n: int, wanted: str, good: Callable[[float], bool] = isfinite
-) -> Callable[[object], tuple[float, ...]]:
-    """Validator of a list of ``n`` finite numbers for each of which ``good`` holds."""
-
-    def check(value: object) -> tuple[float, ...]:
-        items = [_float(item) for item in value] if isinstance(value, list | tuple) else []
-        numbers = tuple(x for x in items if x is not None and good(x))
-        if len(items) != n or len(numbers) != n:
-            raise wrong(value, wanted)
-        return numbers
-
-    return check
-
-
-def one_or_three(wanted: str, good: Callable[[float], bool]) -> Callable[[object], tuple[float, ...]]:
-    """Validator of one number, which then stands for three equal ones, or of a list of three."""
-    one, three = number(wanted, good), vector(3, wanted, good)
-
-    def check(value: object) -> tuple[float, ...]:
-        return three(value) if isinstance(value, list | tuple) else (one(value),) * 3
-
-    return check
-
-
-def _float(value: object) -> float | None:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return None
-    try:
-        x = float(value)
-    except OverflowError:
-        return None
-    return x if isfinite(x) else None
-
-
 class Section(BaseModel):
     """A table of a TOML document: unknown keys are refused, nothing is converted, complaints come together.
 
@@ -78,7 +30,7 @@ class Section(BaseModel):
 
     @classmethod
     def rules(cls, given: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-        """Complaints ``(key, sentence)`` about keys in relation to each other; values may be of any type."""
+        """Complaints ``(key, sentence)`` about keys that depend on each other."""
         yield from ()
 
     @model_validator(mode="wrap")
@@ -116,7 +68,7 @@ def _keys(model: type[BaseModel]) -> dict[str, str]:
 
 
 def _as_meant(model: type[BaseModel], data: dict[str, Any]) -> dict[str, Any]:
-    """``data`` and, for each unknown key, the known one nearest to it, which is then not also called missing."""
+    """``data`` and, for each unknown key, the known one nearest to it: that one is not called missing too."""
     known = _keys(model)
     meant = {nearest(key, known): value for key, value in data.items() if key not in known}
     return {key: value for key, value in meant.items() if key is not None} | data

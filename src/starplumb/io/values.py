@@ -1,0 +1,165 @@
+"""Values of a TOML document: annotated types whose validators say what was found and what is wanted."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import pairwise
+from math import isfinite, sqrt
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import BeforeValidator
+
+from .files import nearest
+from .sections import wrong
+
+UNIT_TOLERANCE = 1e-3
+"""How far a quaternion's norm may be from 1 and a matrix from orthonormal; both are then made exact."""
+
+
+def number(wanted: str, good: Callable[[float], bool] = isfinite) -> Callable[[object], float]:
+    """Validator of one finite number for which ``good`` holds; text and truth values do not pass."""
+
+    def check(value: object) -> float:
+        x = _float(value)
+        if x is None or not good(x):
+            raise wrong(value, wanted)
+        return x
+
+    return check
+
+
+def vector(
+    n: int, wanted: str, good: Callable[[float], bool] = isfinite
+) -> Callable[[object], tuple[float, ...]]:
+    """Validator of a list of ``n`` finite numbers for each of which ``good`` holds."""
+
+    def check(value: object) -> tuple[float, ...]:
+        items = [_float(item) for item in value] if isinstance(value, list | tuple) else []
+        numbers = tuple(x for x in items if x is not None and good(x))
+        if len(items) != n or len(numbers) != n:
+            raise wrong(value, wanted)
+        return numbers
+
+    return check
+
+
+def one_or_three(wanted: str, good: Callable[[float], bool]) -> Callable[[object], tuple[float, ...]]:
+    """Validator of one number, which then stands for three equal ones, or of a list of three."""
+    one, three = number(wanted, good), vector(3, wanted, good)
+
+    def check(value: object) -> tuple[float, ...]:
+        return three(value) if isinstance(value, list | tuple) else (one(value),) * 3
+
+    return check
+
+
+def _float(value: object) -> float | None:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return None
+    try:
+        x = float(value)
+    except OverflowError:
+        return None
+    return x if isfinite(x) else None
+
+
+def _positive(x: float) -> bool:
+    return x > 0.0
+
+
+def _not_negative(x: float) -> bool:
+    return x >= 0.0
+
+
+def printable(value: object) -> object:
+    """A name with something in it and nothing that would break a line."""
+    if isinstance(value, str) and (not value.strip() or not value.isprintable()):
+        raise wrong(value, "a name of printable letters")
+    return value
+
+
+def frame_name(value: object) -> object:
+    """J2000 is read as a synonym of GCRF (the frame bias between them is 0.02 arcsec)."""
+    return "GCRF" if value == "J2000" else value
+
+
+def choice(*words: str) -> BeforeValidator:
+    """One of a few words; a near miss is told the word that is meant."""
+    quoted = [f'"{word}"' for word in words]
+    listed = " or ".join([", ".join(quoted[:-1]), quoted[-1]]) if len(words) > 1 else quoted[0]
+
+    def check(value: object) -> object:
+        if value in words:
+            return value
+        meant = nearest(value, words) if isinstance(value, str) else None
+        raise wrong(value, listed + (f' (perhaps "{meant}")' if meant and len(words) > 2 else ""))
+
+    return BeforeValidator(check)
+
+
+def _unit_quaternion(value: object) -> tuple[float, ...]:
+    q = vector(4, "four finite numbers, a quaternion of norm 1")(value)
+    norm = sqrt(sum(x * x for x in q))
+    if abs(norm - 1.0) > UNIT_TOLERANCE:
+        raise wrong(value, f"a quaternion of norm 1 (its norm is {norm:.6g})")
+    return q
+
+
+def _rotation_matrix(value: object) -> tuple[tuple[float, ...], ...]:
+    wanted = "three rows of three numbers, a rotation matrix"
+    if not isinstance(value, list | tuple) or len(value) != 3:
+        raise wrong(value, wanted)
+    rows = tuple(vector(3, wanted)(row) for row in value)
+    C = np.array(rows)
+    off = float(np.abs(C @ C.mT - np.eye(3)).max())
+    if off > UNIT_TOLERANCE:
+        raise wrong(value, f"a rotation matrix (C times its transpose is off the identity by {off:.3g})")
+    if np.linalg.det(C) < 0.0:
+        raise wrong(value, "a rotation matrix of determinant +1 (this one mirrors: its determinant is -1)")
+    return rows
+
+
+def euler_order(value: object) -> object:
+    """Three axes, no two neighbours alike: capitals about the axes as turned so far, small ones about the
+    fixed."""
+    order = value if isinstance(value, str) else ""
+    one_case = order in (order.lower(), order.upper())
+    if (
+        len(order) != 3
+        or set(order.lower()) - set("xyz")
+        or not one_case
+        or any(a == b for a, b in pairwise(order))
+    ):
+        raise wrong(
+            value,
+            'three axes such as "ZYX" (about the turned axes) or "xyz" (about the fixed axes)',
+        )
+    return value
+
+
+def _whole_pair(value: object) -> tuple[int, ...]:
+    items = value if isinstance(value, list | tuple) else ()
+    whole = tuple(n for n in items if isinstance(n, int) and not isinstance(n, bool) and 1 <= n <= 10_000_000)
+    if len(items) != 2 or len(whole) != 2:
+        raise wrong(value, "two positive whole numbers, columns and rows")
+    return whole
+
+
+Text = Annotated[str, BeforeValidator(printable)]
+Positive = Annotated[float, BeforeValidator(number("a positive number", _positive))]
+Quaternion = Annotated[tuple[float, float, float, float], BeforeValidator(_unit_quaternion)]
+Matrix = Annotated[tuple[tuple[float, float, float], ...], BeforeValidator(_rotation_matrix)]
+Triple = Annotated[tuple[float, float, float], BeforeValidator(vector(3, "three finite numbers"))]
+Pair = Annotated[tuple[float, float], BeforeValidator(vector(2, "two finite numbers"))]
+WholePair = Annotated[tuple[int, int], BeforeValidator(_whole_pair)]
+Sigma = Annotated[
+    tuple[float, float, float],
+    BeforeValidator(
+        one_or_three("one number or three, none negative (0 claims an exact value)", _not_negative)
+    ),
+]
+Prior = Annotated[
+    tuple[float, float, float], BeforeValidator(one_or_three("one positive number or three", _positive))
+]
+Frame = Annotated[Literal["ITRF", "GCRF"], choice("ITRF", "GCRF"), BeforeValidator(frame_name)]
