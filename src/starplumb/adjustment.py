@@ -173,6 +173,8 @@ def _eliminate_images(arrow: Arrow, k: int) -> tuple[Array, Array, Array, list[_
 
 def _invert_information(information: Array) -> Array:
     """Covariance of the common parameters; infinite where a run leaves one of them undetermined."""
+    if information.shape[-1] == 0:
+        return information
     scale = np.sqrt(np.diagonal(information, axis1=-2, axis2=-1))
     bad = ~np.all(np.isfinite(scale) & (scale > 0.0), axis=-1)
     safe = np.where(bad[..., None], 1.0, scale)
@@ -194,7 +196,8 @@ def solve(
 ) -> Adjustment:
     """One linear step for the common parameters with design A (..., n, 2, k), px per unit.
 
-    A prior says ``x ~ N(prior_step, prior_information^-1)``, shapes (..., k) and (..., k, k).  Where the common
+    k may be 0, which leaves the shared errors at the mounting as it stands.  A prior says
+    ``x ~ N(prior_step, prior_information^-1)``, shapes (..., k) and (..., k, k).  Where the common
     parameters are not determined their covariance is infinite and their step zero.
     """
     arrow = Arrow.build(observations, model, A)
@@ -212,8 +215,7 @@ def solve(
         right = right - pull
         constant = constant + np.sum(prior_step * pull, axis=-1)
     covariance = _invert_information(information)
-    known = np.isfinite(covariance[..., :1, 0])
-    x = -(np.where(known[..., None], covariance, 0.0) @ right[..., None])[..., 0]
+    x = -(np.where(np.isfinite(covariance), covariance, 0.0) @ right[..., None])[..., 0]
     chi2 = constant + np.sum(right * x, axis=-1)
     b = -(back[..., k] + (back[..., :k] @ x[..., None])[..., 0])
     return _shared_errors(arrow, eliminated, (x, information, covariance, chi2), b)

@@ -1,0 +1,97 @@
+"""The main job: a campaign in, the corrected mounting out, with everything that is known about how good it is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import so3
+from .campaign import Campaign
+from .consistency import chi2_p, findings
+from .errors import InputError
+from .estimators.protocol import AlignmentEstimate, Estimator, Status
+from .geometry import observe
+from .observations import Observations
+from .residuals import Accuracy, Residuals, residuals
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Rejection:
+    """A sighting left out of the solution, with the statistic that spoke against it."""
+
+    image: int
+    landmark: int
+    statistic: float
+    reason: str
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """One calibrated campaign.
+
+    ``observations`` holds all sightings; ``residuals.used`` those in the solution.  ``status`` and ``message`` join the
+    estimator's own with what the consistency checks found.  ``correction_E`` (3,) rad is d of ``C_EK = exp(d) C_EK_model``.
+    """
+
+    campaign: Campaign
+    observations: Observations
+    estimate: AlignmentEstimate
+    residuals: Residuals
+    status: Status
+    message: str
+    rejected: tuple[Rejection, ...] = field(default=())
+
+    @property
+    def correction_E(self) -> Array:
+        return so3.log(self.estimate.C_EK @ self.campaign.C_EK.mT)
+
+    @property
+    def chi2_p(self) -> float | None:
+        """Probability of a chi-square at least this large; None where the method has none."""
+        if self.estimate.chi2 is None or self.estimate.degrees_of_freedom is None:
+            return None
+        return chi2_p(float(self.estimate.chi2), int(self.estimate.degrees_of_freedom))
+
+    def accuracy(self, after: bool, check: bool = False) -> Accuracy | None:
+        """Geolocation accuracy of the control or check points, before or after; None where it cannot be said."""
+        chosen = self.campaign.sightings.check if check else self.residuals.used
+        errors = self.residuals.after_m if after else self.residuals.before_m
+        return Accuracy.of(errors[chosen])
+
+
+def calibrate(campaign: Campaign, estimator: Estimator) -> Calibration:
+    """Estimate the mounting of a campaign from its control points and judge the answer.
+
+    Raises EpochError where an image lies outside the orbit or attitude, InputError where there is nothing to use.
+    """
+    observations = observe(campaign)
+    used = ~campaign.sightings.check
+    if not np.any(used):
+        raise InputError(
+            f"campaign {campaign.name!r} has no observation with role control; wanted at least two markers"
+        )
+    control = observations.select(used)
+    estimate = estimator(control, campaign.C_EK)
+    status, message = _judge(control, campaign.C_EK, estimate)
+    return Calibration(
+        campaign=campaign,
+        observations=observations,
+        estimate=estimate,
+        residuals=residuals(campaign, observations, used, estimate.C_EK),
+        status=status,
+        message=message,
+    )
+
+
+def _judge(control: Observations, C_EK_model: Array, estimate: AlignmentEstimate) -> tuple[Status, str]:
+    """Status and message of an estimate once the consistency checks have spoken."""
+    own = Status(int(estimate.status))
+    if not own.usable:
+        return own, own.text
+    found = findings(control, C_EK_model, estimate)
+    weak = own is Status.WEAK or any(finding.weakens for finding in found)
+    return Status.WEAK if weak else Status.OK, "; ".join(finding.sentence for finding in found)

@@ -1,0 +1,184 @@
+"""The files of a calibration: result.json, residuals.csv and the SPICE kernel mounting.tf."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import __version__, so3
+from ..calibration import Calibration
+from ..residuals import Accuracy, rms
+from ..units import ARCSEC
+from .campaign import LoadedCampaign
+
+Array = NDArray[np.float64]
+
+SCHEMA = "starplumb-result/1"
+
+
+def result_document(
+    calibration: Calibration,
+    method: str,
+    frames: tuple[str, str],
+    inputs: Mapping[str, str],
+    provenance: Mapping[str, Any],
+) -> dict[str, Any]:
+    """``result.json`` as a dictionary; ``frames`` are the user's names of camera and star tracker.
+
+    Numbers that cannot be stated (no covariance, a singular solution, lines of sight that miss the Earth) are null.
+    """
+    c, estimate = calibration, calibration.estimate
+    covariance = estimate.covariance_E
+    return {
+        "schema": SCHEMA,
+        "status": c.status.name.lower(),
+        "message": c.message,
+        "method": method,
+        "mounting": {
+            "from": frames[0],
+            "to": frames[1],
+            "matrix": numbers(estimate.C_EK),
+            "quaternion_xyzw": numbers(so3.to_quaternion(estimate.C_EK)),
+        },
+        "correction_arcsec": numbers(c.correction_E / ARCSEC),
+        "sigma_arcsec": None if covariance is None else numbers(estimate.sigma_E / ARCSEC),
+        "covariance_arcsec2": None if covariance is None else numbers(covariance / ARCSEC**2),
+        "fit": _fit(c),
+        "geolocation": {
+            "before": accuracy_document(c.accuracy(after=False)),
+            "after": accuracy_document(c.accuracy(after=True)),
+            "check": _check(c),
+        },
+        "rejected": [
+            {
+                "image_id": c.campaign.images.ids[r.image],
+                "landmark_id": c.campaign.landmarks.ids[r.landmark],
+                "statistic": r.statistic,
+                "reason": r.reason,
+            }
+            for r in c.rejected
+        ],
+        "images": _images(c),
+        "landmarks": _landmarks(c),
+        "inputs": dict(inputs),
+        "software": {"starplumb": __version__, "numpy": np.__version__},
+        **provenance,
+    }
+
+
+def provenance(loaded: LoadedCampaign) -> dict[str, Any]:
+    """Where the Earth's orientation came from, whether it was predicted, and which corrections were on."""
+    c = loaded.campaign.corrections
+    orientation = loaded.orientation
+    return {
+        "earth_orientation": None
+        if orientation is None
+        else {"source": orientation.source, "predicted": loaded.predicted_orientation},
+        "corrections": {"light_time": c.light_time, "aberration": c.aberration, "refraction": c.refraction},
+        "notices": list(loaded.notices),
+    }
+
+
+def numbers(values: Any) -> Any:
+    """Nested lists of floats; a number that is not finite becomes null, which JSON can say."""
+    array = np.asarray(values, dtype=np.float64)
+    if array.ndim == 0:
+        return float(array) if np.isfinite(array) else None
+    return [numbers(row) for row in array]
+
+
+def accuracy_document(accuracy: Accuracy | None) -> dict[str, Any]:
+    if accuracy is None:
+        return {"rmse_m": None, "ce90_m": None}
+    return {"rmse_m": accuracy.rmse, "ce90_m": accuracy.ce90}
+
+
+def _check(c: Calibration) -> dict[str, Any] | None:
+    after = c.accuracy(after=True, check=True)
+    if after is None:
+        return None
+    before = c.accuracy(after=False, check=True)
+    return {**accuracy_document(after), "observations": after.n, "before": accuracy_document(before)}
+
+
+def _fit(c: Calibration) -> dict[str, Any]:
+    """Counts and quality of the fit: ``rms_px`` at the estimate, ``rms_own_px`` less each image's and landmark's own
+    estimated error."""
+    used = c.residuals.used
+    images = c.observations.image[used]
+    dof = c.estimate.degrees_of_freedom
+    return {
+        "images": int(np.unique(images).size),
+        "observations": int(images.size),
+        "degrees_of_freedom": int(2 * images.size - 3) if dof is None else int(dof),
+        "chi2": None if c.estimate.chi2 is None else numbers(c.estimate.chi2),
+        "chi2_p": c.chi2_p,
+        "rms_px": numbers(rms(c.residuals.after_px[used])),
+        "rms_own_px": numbers(rms(c.residuals.fit_px[used])),
+        "iterations": int(c.estimate.iterations),
+    }
+
+
+def _images(c: Calibration) -> list[dict[str, Any]]:
+    """Each image's residuals and its own estimated attitude and position error."""
+    r, rows = c.residuals, []
+    for i, name in enumerate(c.campaign.images.ids):
+        mine = r.used & (c.observations.image == i)
+        rows.append(
+            {
+                "image_id": name,
+                "observations": int(np.sum(mine)),
+                "rms_px": numbers(rms(r.after_px[mine])),
+                "rms_own_px": numbers(rms(r.fit_px[mine])),
+                "attitude_error_arcsec": numbers(r.alpha_E[i] / ARCSEC),
+                "position_error_m": numbers(r.rho_J[i]),
+            }
+        )
+    return rows
+
+
+def _landmarks(c: Calibration) -> list[dict[str, Any]]:
+    r, rows = c.residuals, []
+    order = np.argsort(c.observations.landmark, kind="stable")
+    bounds = np.searchsorted(c.observations.landmark[order], np.arange(len(c.campaign.landmarks.ids) + 1))
+    for i, name in enumerate(c.campaign.landmarks.ids):
+        mine = order[bounds[i] : bounds[i + 1]]
+        mine = mine[r.used[mine]]
+        rows.append(
+            {
+                "landmark_id": name,
+                "observations": int(mine.size),
+                "rms_px": numbers(rms(r.after_px[mine])),
+                "rms_own_px": numbers(rms(r.fit_px[mine])),
+            }
+        )
+    return rows
+
+
+RESIDUAL_COLUMNS = (
+    "image_id,landmark_id,role,column_px,row_px,before_column_px,before_row_px,after_column_px,after_row_px,"
+    "own_column_px,own_row_px,normalised,before_east_m,before_north_m,after_east_m,after_north_m"
+).split(",")
+"""``residuals.csv``: predicted minus measured pixel before, after, and less each image's and landmark's own error."""
+
+
+def residual_columns(c: Calibration) -> Sequence[Sequence[object]]:
+    """Columns of ``residuals.csv``, one row a sighting in the order of the observation table."""
+    s, r = c.campaign.sightings, c.residuals
+    images, landmarks = c.campaign.images.ids, c.campaign.landmarks.ids
+    role = np.where(s.check, "check", np.where(r.used, "control", "rejected"))
+    pairs = (r.before_px, r.after_px, r.fit_px)
+    ground = (r.before_m, r.after_m)
+    return [
+        [images[i] for i in s.image],
+        [landmarks[i] for i in s.landmark],
+        role.tolist(),
+        s.column_px.tolist(),
+        s.row_px.tolist(),
+        *(pair[:, i].tolist() for pair in pairs for i in range(2)),
+        r.normalised.tolist(),
+        *(pair[:, i].tolist() for pair in ground for i in range(2)),
+    ]
