@@ -103,7 +103,9 @@ class Arrow:
     @cached_property
     def repeated(self) -> Index:
         """Landmarks seen more than once."""
-        return np.flatnonzero(np.bincount(self.observations.landmark, minlength=self.observations.n_landmarks) > 1)
+        return np.flatnonzero(
+            np.bincount(self.observations.landmark, minlength=self.observations.n_landmarks) > 1
+        )
 
     @cached_property
     def column(self) -> Index:
@@ -160,7 +162,7 @@ def _eliminate_images(arrow: Arrow, k: int) -> tuple[Array, Array, Array, list[_
         z, G, Y = (arrow.rows(block, sightings) for block in (arrow.z, arrow.G, arrow.A))
         if arrow.repeated.size:
             Y = np.concatenate([Y, _landmark_rows(arrow, sightings)], axis=-1)
-        inverse = np.linalg.inv(G.mT @ G + np.eye(6))
+        inverse: Array = np.asarray(np.linalg.inv(G.mT @ G + np.eye(6)), dtype=np.float64)
         GY, Gz = G.mT @ Y, G.mT @ z
         N += np.sum(Y.mT @ Y - GY.mT @ inverse @ GY, axis=-3)
         g += np.sum(Y.mT @ z - GY.mT @ inverse @ Gz, axis=-3)

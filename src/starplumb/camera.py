@@ -83,7 +83,7 @@ class Distortion:
             xy += step
             if np.all(np.abs(step) < 1e-15):
                 break
-        return xy, np.linalg.inv(self.apply(xy)[1])
+        return xy, np.asarray(np.linalg.inv(self.apply(xy)[1]), dtype=np.float64)
 
 
 @dataclass(frozen=True)
@@ -103,7 +103,9 @@ class FrameCamera:
     def tan_from_px(self, column_px: ArrayLike, row_px: ArrayLike) -> tuple[Array, Array]:
         scale = self.pitch / self.focal_length
         column, row = np.broadcast_arrays(np.asarray(column_px, float), np.asarray(row_px, float))
-        xy = scale * np.stack([column - self.principal_point_px[0], row - self.principal_point_px[1]], axis=-1)
+        xy = scale * np.stack(
+            [column - self.principal_point_px[0], row - self.principal_point_px[1]], axis=-1
+        )
         slope = np.broadcast_to(scale * np.eye(2), (*column.shape, 2, 2))
         if self.distortion.is_zero:
             return xy, slope
@@ -164,7 +166,9 @@ class LineScanCamera:
 
     def tan_from_px(self, column_px: ArrayLike, row_px: ArrayLike) -> tuple[Array, Array]:
         column, _ = np.broadcast_arrays(np.asarray(column_px, float), np.asarray(row_px, float))
-        segment = np.clip(np.searchsorted(self.column_px, column, side="right") - 1, 0, self.column_px.size - 2)
+        segment = np.clip(
+            np.searchsorted(self.column_px, column, side="right") - 1, 0, self.column_px.size - 2
+        )
         slope = np.zeros((*column.shape, 2, 2))
         slope[..., 0, 0] = self._slope(self.tan_x, segment)
         slope[..., 1, 0] = self._slope(self.tan_y, segment)
@@ -176,7 +180,9 @@ class LineScanCamera:
         order = 1.0 if self.tan_x[-1] > self.tan_x[0] else -1.0
         segment = np.searchsorted(order * self.tan_x, order * xy[..., 0], side="right") - 1
         segment = np.clip(segment, 0, self.tan_x.size - 2)
-        column = self.column_px[segment] + (xy[..., 0] - self.tan_x[segment]) / self._slope(self.tan_x, segment)
+        column = self.column_px[segment] + (xy[..., 0] - self.tan_x[segment]) / self._slope(
+            self.tan_x, segment
+        )
         line, slope = self.tan_from_px(column, 0.0)
         pixel = np.hypot(slope[..., 0, 0], slope[..., 1, 0])
         return np.stack([column, (xy[..., 1] - line[..., 1]) / pixel], axis=-1)

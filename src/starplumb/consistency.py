@@ -44,7 +44,11 @@ def findings(observations: Observations, C_EK_model: Array, estimate: AlignmentE
     """All that is worth saying about one estimate (no batch axes) that has a covariance."""
     if estimate.covariance_E is None or not Status(int(estimate.status)).usable:
         return []
-    found = [_one_image(observations), _boresight(observations, estimate), _chi_square(observations, estimate)]
+    found = [
+        _one_image(observations),
+        _boresight(observations, estimate),
+        _chi_square(observations, estimate),
+    ]
     found.append(_aberration(observations, C_EK_model, estimate))
     return [finding for finding in found if finding is not None]
 

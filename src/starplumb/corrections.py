@@ -96,7 +96,8 @@ def refraction_shift(p_J: Array, r_J: Array) -> Array:
     """
     latitude, longitude, height = itrf_to_geodetic(p_J)
     up = np.stack(
-        [np.cos(latitude) * np.cos(longitude), np.cos(latitude) * np.sin(longitude), np.sin(latitude)], axis=-1
+        [np.cos(latitude) * np.cos(longitude), np.cos(latitude) * np.sin(longitude), np.sin(latitude)],
+        axis=-1,
     )
     u = p_J - r_J
     e = u / np.linalg.norm(u, axis=-1, keepdims=True)

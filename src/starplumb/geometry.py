@@ -46,7 +46,9 @@ def stations(campaign: Campaign, image: Index, row_px: ArrayLike) -> Stations:
     epochs, back = np.unique(t_ns, return_inverse=True)
     try:
         C_EJ, omega_E = campaign.attitude.at(epochs)
-        r_J, v_J = campaign.ephemeris.at(epochs, velocity=campaign.corrections.aberration or campaign.camera.scans)
+        r_J, v_J = campaign.ephemeris.at(
+            epochs, velocity=campaign.corrections.aberration or campaign.camera.scans
+        )
     except EpochError as error:
         first = int(np.flatnonzero(back == error.row)[0])
         raise EpochError(f"image {campaign.images.ids[image[first]]!r}: {error}", first) from None
@@ -74,7 +76,13 @@ def observe(campaign: Campaign) -> Observations:
     xy_K, slope_K = campaign.camera.tan_from_px(s.column_px, s.row_px)
     p_J = campaign.landmarks.r_J[s.landmark]
     directions = sight(
-        p_J, station.r_J, station.v_J, station.C_EJ, station.omega_E, station.line_period_s, campaign.corrections
+        p_J,
+        station.r_J,
+        station.v_J,
+        station.C_EJ,
+        station.omega_E,
+        station.line_period_s,
+        campaign.corrections,
     )
     sigma = np.broadcast_to(campaign.sigma_attitude, (campaign.images.t_ns.size, 3))
     prior = campaign.sigma_mounting
@@ -101,7 +109,12 @@ def observe(campaign: Campaign) -> Observations:
 
 
 def locate(
-    campaign: Campaign, C_EK: Array, image: Index, column_px: ArrayLike, row_px: ArrayLike, height: ArrayLike = 0.0
+    campaign: Campaign,
+    C_EK: Array,
+    image: Index,
+    column_px: ArrayLike,
+    row_px: ArrayLike,
+    height: ArrayLike = 0.0,
 ) -> Array:
     """Ground points p_J (n, 3) of pixels of images (n,) at a height above the ellipsoid (m); NaN where the ray misses.
 
@@ -124,7 +137,9 @@ def locate(
     return p_J
 
 
-def project(campaign: Campaign, C_EK: Array, image: Index, p_J: Array, start_px: ArrayLike | None = None) -> Array:
+def project(
+    campaign: Campaign, C_EK: Array, image: Index, p_J: Array, start_px: ArrayLike | None = None
+) -> Array:
     """Pixels (column, row) (n, 2) at which points p_J (n, 3) appear in images (n,).
 
     A frame camera needs one evaluation; a line scanner is solved for the row whose exposure has the point on the line,
@@ -135,7 +150,13 @@ def project(campaign: Campaign, C_EK: Array, image: Index, p_J: Array, start_px:
     for _ in range(1 if not campaign.camera.scans else 20):
         station = stations(campaign, image, pixel[:, 1])
         directions = sight(
-            p_J, station.r_J, station.v_J, station.C_EJ, station.omega_E, station.line_period_s, campaign.corrections
+            p_J,
+            station.r_J,
+            station.v_J,
+            station.C_EJ,
+            station.omega_E,
+            station.line_period_s,
+            campaign.corrections,
         )
         if not campaign.camera.scans:
             return campaign.camera.px_from_tan(predict(C_EK, directions["e_E"]))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -99,7 +99,7 @@ class Observations:
         changed = replace(self, **changes)
         o = changed
         directions = sight(o.p_J, o.r_J, o.v_J, o.C_EJ, o.omega_E, o.line_period_s, o.corrections)
-        return replace(changed, **directions)
+        return replace(changed, **cast("Any", directions))
 
     def select(self, keep: NDArray[np.bool_] | Index) -> Observations:
         """The sightings (n,) kept, with all images and landmarks as they were."""
@@ -112,7 +112,13 @@ class Observations:
 
 
 def sight(
-    p_J: Array, r_J: Array, v_J: Array, C_EJ: Array, omega_E: Array, line_period_s: Array, corrections: Corrections
+    p_J: Array,
+    r_J: Array,
+    v_J: Array,
+    C_EJ: Array,
+    omega_E: Array,
+    line_period_s: Array,
+    corrections: Corrections,
 ) -> dict[str, Array]:
     """Fields ``e_E``, ``row_rate_E`` and ``range_m`` of sightings of markers p_J from stations (r_J, v_J, C_EJ, omega_E).
 

@@ -66,7 +66,11 @@ def _eccentric_anomaly(mean: Array, e: float) -> Array:
 
 def _perifocal(node: Array, perigee: Array, i: float) -> tuple[Array, Array]:
     """Unit vectors towards perigee and 90 deg ahead of it, in I."""
-    cO, sO, cw, sw, ci, si = (*(f(x) for x in (node, perigee) for f in (np.cos, np.sin)), np.cos(i), np.sin(i))
+    cO, sO, cw, sw, ci, si = (
+        *(f(x) for x in (node, perigee) for f in (np.cos, np.sin)),
+        np.cos(i),
+        np.sin(i),
+    )
     P = np.stack([cO * cw - sO * sw * ci, sO * cw + cO * sw * ci, sw * si], axis=-1)
     Q = np.stack([-cO * sw - sO * cw * ci, -sO * sw + cO * cw * ci, cw * si], axis=-1)
     return P, Q

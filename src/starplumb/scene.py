@@ -40,7 +40,9 @@ def epochs_ns(epoch_ns: int, time_s: ArrayLike) -> Epochs:
     return np.asarray(epoch_ns + np.rint(1e9 * np.asarray(time_s, dtype=np.float64)), dtype=np.int64)
 
 
-def fly(orbit: KeplerOrbit, orientation: Orientation, epoch_ns: int, time_s: ArrayLike) -> tuple[Array, Array]:
+def fly(
+    orbit: KeplerOrbit, orientation: Orientation, epoch_ns: int, time_s: ArrayLike
+) -> tuple[Array, Array]:
     """Earth-fixed r_J and v_J (relative to the turning Earth) along an inertial orbit, (..., 3) each."""
     r_I, v_I = orbit.at(time_s)
     C_JI = orientation.C_IJ(epochs_ns(epoch_ns, time_s)).mT
@@ -146,7 +148,9 @@ def survey(r_J: Array, sigma_enu: Array) -> Landmarks:
     return Landmarks(tuple(f"gcp{i + 1:03d}" for i in range(len(r_J))), r_J, covariance)
 
 
-def mark_pixels(campaign: Campaign, image: Index, pixel: Array, height: ArrayLike, sigmas: Sigmas) -> Campaign:
+def mark_pixels(
+    campaign: Campaign, image: Index, pixel: Array, height: ArrayLike, sigmas: Sigmas
+) -> Campaign:
     """The campaign with a landmark of its own under each of the pixels (n, 2) of images (n,)."""
     p_J = locate(campaign, campaign.C_EK, image, pixel[:, 0], pixel[:, 1], height)
     return _with_markers(campaign, survey(p_J, sigmas.landmark), image, np.arange(image.size), pixel, sigmas)
@@ -158,7 +162,9 @@ def mark_site(campaign: Campaign, p_J: Array, sigmas: Sigmas) -> Campaign:
     image, landmark = np.repeat(np.arange(m), L), np.tile(np.arange(L), m)
     pixel = project(campaign, campaign.C_EK, image, p_J[landmark])
     columns, rows = campaign.camera.size_px
-    inside = (pixel[:, 0] >= 0) & (pixel[:, 0] <= columns - 1) & (pixel[:, 1] >= 0) & (pixel[:, 1] <= rows - 1)
+    inside = (
+        (pixel[:, 0] >= 0) & (pixel[:, 0] <= columns - 1) & (pixel[:, 1] >= 0) & (pixel[:, 1] <= rows - 1)
+    )
     landmarks = survey(p_J, sigmas.landmark)
     return _with_markers(campaign, landmarks, image[inside], landmark[inside], pixel[inside], sigmas)
 

@@ -64,7 +64,9 @@ class Bursts:
         repeats = ends - starts
         return np.repeat(starts, repeats), np.repeat(ends - 1, repeats)
 
-    def windows(self, t_ns: Epochs, width: int, what: str) -> list[tuple[NDArray[np.int64], NDArray[np.int64]]]:
+    def windows(
+        self, t_ns: Epochs, width: int, what: str
+    ) -> list[tuple[NDArray[np.int64], NDArray[np.int64]]]:
         """Groups (queries, first sample (q,) with its ``k`` samples (q, k)) of the nodes to use at epochs (m,).
 
         As many as ``width`` nodes of the epoch's own burst, centred on it where the burst allows.  Each group has one k.
@@ -98,6 +100,11 @@ class Bursts:
             f"the nearest sample is {away:.6g} s away, at {sample} UTC",
             row,
         )
+
+
+def seconds(interval_ns: Epochs) -> Array:
+    """Seconds of an interval in nanoseconds."""
+    return np.asarray(interval_ns * 1e-9, dtype=np.float64)
 
 
 def _lagrange(x: Array, nodes: Array) -> tuple[Array, Array, Array]:
@@ -205,8 +212,8 @@ class Ephemeris:
 
     def _interpolate(self, t_ns: Epochs, nodes: NDArray[np.int64]) -> tuple[Array, Array]:
         origin = self.t_ns[nodes[:, :1]]
-        tau = (self.t_ns[nodes] - origin) * 1e-9
-        x = (t_ns[:, None] - origin)[:, 0] * 1e-9
+        tau = seconds(self.t_ns[nodes] - origin)
+        x = seconds(t_ns - origin[:, 0])
         r = self.r_J[nodes]
         if self.v_J is not None:
             H, K, dH, dK = _hermite(x, tau)
@@ -264,8 +271,8 @@ class Attitude:
         anchor = nodes[:, (nodes.shape[1] - 1) // 2]
         C_anchor = so3.from_quaternion(self.q_EF[anchor])
         w = so3.log(so3.from_quaternion(self.q_EF[nodes]) @ C_anchor[:, None].mT)
-        tau = (self.t_ns[nodes] - self.t_ns[anchor][:, None]) * 1e-9
-        x = (t_ns - self.t_ns[anchor]) * 1e-9
+        tau = seconds(self.t_ns[nodes] - self.t_ns[anchor][:, None])
+        x = seconds(t_ns - self.t_ns[anchor])
         L, dL, _ = _lagrange(x, tau)
         turn = np.einsum("qk,qki->qi", L, w)
         rate = np.einsum("qk,qki->qi", dL, w)

@@ -18,9 +18,12 @@ if TYPE_CHECKING:
 
 def calibrate(
     campaign: Annotated[Path, typer.Argument(help="The campaign.toml.", metavar="CAMPAIGN.toml")],
-    method: Annotated[str, typer.Option("--method", "-m", help="Estimator; `starplumb compare` shows all.")] = "gls",
+    method: Annotated[
+        str, typer.Option("--method", "-m", help="Estimator; `starplumb compare` shows all.")
+    ] = "gls",
     out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="Folder of the results [default: `result` beside the campaign].")
+        Path | None,
+        typer.Option("--out", "-o", help="Folder of the results [default: `result` beside the campaign]."),
     ] = None,
     json: Json = False,
     quiet: Quiet = False,
@@ -84,7 +87,11 @@ def _publish(loaded: LoadedCampaign, done: Calibration, method: str, out: Path) 
             "CAMERA",
             "STAR_TRACKER",
             covariance_E=done.estimate.covariance_E,
-            comments=[f"campaign: {done.campaign.name}", f"method: {method}", f"status: {done.status.name.lower()}"],
+            comments=[
+                f"campaign: {done.campaign.name}",
+                f"method: {method}",
+                f"status: {done.status.name.lower()}",
+            ],
         )
     publish(out, files)
     return document
@@ -101,7 +108,9 @@ def _table(done: Calibration) -> Table:
         table.add_column(heading, justify="right" if len(heading) == 1 else "left")
     sigma = done.estimate.sigma_E
     table.add_row("correction", *(f"{value:.3f}" for value in done.correction_E / ARCSEC))
-    table.add_row("sigma", *(("not stated",) * 3 if sigma is None else (f"{value:.3f}" for value in sigma / ARCSEC)))
+    table.add_row(
+        "sigma", *(("not stated",) * 3 if sigma is None else (f"{value:.3f}" for value in sigma / ARCSEC))
+    )
     return table
 
 
@@ -112,14 +121,22 @@ def _sentences(done: Calibration, out: Path) -> list[str]:
     used = done.residuals.used
     images = np.unique(done.observations.image[used]).size
     lines = [f"{images} images, {int(np.sum(used))} observations; status {done.status.name.lower()}"]
-    if done.estimate.chi2 is not None and done.chi2_p is not None and done.estimate.degrees_of_freedom is not None:
+    if (
+        done.estimate.chi2 is not None
+        and done.chi2_p is not None
+        and done.estimate.degrees_of_freedom is not None
+    ):
         dof = int(done.estimate.degrees_of_freedom)
-        lines.append(f"chi-square {float(done.estimate.chi2):.1f} for {dof} degrees of freedom (p = {done.chi2_p:.3g})")
+        lines.append(
+            f"chi-square {float(done.estimate.chi2):.1f} for {dof} degrees of freedom (p = {done.chi2_p:.3g})"
+        )
     for check, name in ((False, "control points"), (True, "check points")):
         before, after = done.accuracy(False, check), done.accuracy(True, check)
         if after is not None:
             was = "off the Earth" if before is None else f"{before.rmse:.3g} m"
-            lines.append(f"geolocation of {after.n} {name}: {was} rms before, {after.rmse:.3g} m after (CE90 {after.ce90:.3g} m)")
+            lines.append(
+                f"geolocation of {after.n} {name}: {was} rms before, {after.rmse:.3g} m after (CE90 {after.ce90:.3g} m)"
+            )
     lines += [f"note: {sentence}" for sentence in done.message.split("; ") if sentence]
     lines.append(f"written: {out}")
     return lines

@@ -59,7 +59,12 @@ class Gls:
         return self._estimate(observations, C, C_EK, converged, iterations)
 
     def _estimate(
-        self, observations: Observations, C: Array, C_EK_model: Array, converged: Array, iterations: Array
+        self,
+        observations: Observations,
+        C: Array,
+        C_EK_model: Array,
+        converged: NDArray[np.bool_],
+        iterations: NDArray[np.int64],
     ) -> AlignmentEstimate:
         final = adjust(observations, C, C_EK_model)
         weakest = np.linalg.eigvalsh(final.information)[..., 0]

@@ -31,7 +31,7 @@ def result_document(
     Numbers that cannot be stated (no covariance, a singular solution, lines of sight that miss the Earth) are null.
     """
     c, estimate = calibration, calibration.estimate
-    covariance = estimate.covariance_E
+    covariance, sigma = estimate.covariance_E, estimate.sigma_E
     return {
         "schema": SCHEMA,
         "status": c.status.name.lower(),
@@ -44,7 +44,7 @@ def result_document(
             "quaternion_xyzw": numbers(so3.to_quaternion(estimate.C_EK)),
         },
         "correction_arcsec": numbers(c.correction_E / ARCSEC),
-        "sigma_arcsec": None if covariance is None else numbers(estimate.sigma_E / ARCSEC),
+        "sigma_arcsec": None if sigma is None else numbers(sigma / ARCSEC),
         "covariance_arcsec2": None if covariance is None else numbers(covariance / ARCSEC**2),
         "fit": _fit(c),
         "geolocation": {
@@ -158,10 +158,7 @@ def _landmarks(c: Calibration) -> list[dict[str, Any]]:
     return rows
 
 
-RESIDUAL_COLUMNS = (
-    "image_id,landmark_id,role,column_px,row_px,before_column_px,before_row_px,after_column_px,after_row_px,"
-    "own_column_px,own_row_px,normalised,before_east_m,before_north_m,after_east_m,after_north_m"
-).split(",")
+RESIDUAL_COLUMNS = ["image_id", "landmark_id", "role", "column_px", "row_px", "before_column_px", "before_row_px", "after_column_px", "after_row_px", "own_column_px", "own_row_px", "normalised", "before_east_m", "before_north_m", "after_east_m", "after_north_m"]
 """``residuals.csv``: predicted minus measured pixel before, after, and less each image's and landmark's own error."""
 
 
