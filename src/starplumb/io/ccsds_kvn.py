@@ -10,6 +10,8 @@ from starplumb.io.ccsds_message import Dialect, Entry, Message, Segment, set_ver
 _MARKS = frozenset(
     {"META_START", "META_STOP", "DATA_START", "DATA_STOP", "COVARIANCE_START", "COVARIANCE_STOP"}
 )
+_HEADER, _METADATA, _DATA, _COVARIANCE = "the header", "the metadata", "the data", "a covariance"
+_BEFORE_DATA, _AFTER_DATA = "the lines before DATA_START", "the lines after DATA_STOP"
 
 
 class _Parser:
@@ -18,23 +20,23 @@ class _Parser:
     def __init__(self, path: str, dialect: Dialect) -> None:
         self.message = Message(path, named_columns=False)
         self.dialect = dialect
-        self.place = "header"
+        self.place = _HEADER
         self.segment = Segment()
         self.steps = {
-            ("header", "META_START"): "metadata",
-            ("metadata", "META_STOP"): "between" if dialect.data_marks else "data",
+            (_HEADER, "META_START"): _METADATA,
+            (_METADATA, "META_STOP"): _BEFORE_DATA if dialect.data_marks else _DATA,
         }
         if dialect.data_marks:
             self.steps |= {
-                ("between", "DATA_START"): "data",
-                ("data", "DATA_STOP"): "after",
-                ("after", "META_START"): "metadata",
+                (_BEFORE_DATA, "DATA_START"): _DATA,
+                (_DATA, "DATA_STOP"): _AFTER_DATA,
+                (_AFTER_DATA, "META_START"): _METADATA,
             }
         else:
             self.steps |= {
-                ("data", "META_START"): "metadata",
-                ("data", "COVARIANCE_START"): "covariance",
-                ("covariance", "COVARIANCE_STOP"): "data",
+                (_DATA, "META_START"): _METADATA,
+                (_DATA, "COVARIANCE_START"): _COVARIANCE,
+                (_COVARIANCE, "COVARIANCE_STOP"): _DATA,
             }
 
     def take(self, line: int, text: str) -> None:
@@ -43,14 +45,14 @@ class _Parser:
             return
         if len(words) == 1 and words[0] in _MARKS:
             self._mark(line, words[0])
-        elif self.place == "data":
+        elif self.place == _DATA:
             self._row(line, words)
-        elif self.place != "covariance":
+        elif self.place != _COVARIANCE:
             self._keyword(line, text)
 
     def _mark(self, line: int, mark: str) -> None:
         if (self.place, mark) not in self.steps or not self.message.version:
-            raise self.message.error(line, f"found {mark} in the {self.place} part, where it cannot stand")
+            raise self.message.error(line, f"found {mark} in {self.place}, where it cannot stand")
         self.place = self.steps[self.place, mark]
         if mark == "META_START":
             self.segment = Segment(line)
@@ -70,14 +72,14 @@ class _Parser:
         key, equals, value = (part.strip() for part in text.partition("="))
         if not equals or not key:
             raise self.message.error(
-                line, f"found {text.strip()[:40]!r} in the {self.place} part, wanted keyword = value"
+                line, f"found {text.strip()[:40]!r} in {self.place}, wanted keyword = value"
             )
         if not self.message.version:
             self._first(line, key, value)
             return
-        if self.place not in ("header", "metadata"):
-            raise self.message.error(line, f"found {key} in the {self.place} part, where it cannot stand")
-        target = self.message.header if self.place == "header" else self.segment.meta
+        if self.place not in (_HEADER, _METADATA):
+            raise self.message.error(line, f"found {key} in {self.place}, where it cannot stand")
+        target = self.message.header if self.place == _HEADER else self.segment.meta
         if key in target:
             raise self.message.error(line, f"found {key} a second time (first on line {target[key].line})")
         if not value:
@@ -102,10 +104,10 @@ def parse_kvn(path: str, text: str, dialect: Dialect) -> Message:
         parser.take(number, line)
     if not parser.message.version:
         raise InputError(f"{path}: found no {dialect.version_key}, wanted a CCSDS {dialect.name}")
-    if parser.place in ("metadata", "between", "covariance") or (
-        dialect.data_marks and parser.place == "data"
+    if parser.place in (_METADATA, _BEFORE_DATA, _COVARIANCE) or (
+        dialect.data_marks and parser.place == _DATA
     ):
-        raise parser.message.error(len(lines), f"the file breaks off in the {parser.place} part")
+        raise parser.message.error(len(lines), f"the file breaks off in {parser.place}")
     return parser.message
 
 
