@@ -119,6 +119,11 @@ def test_spk_without_span_is_sampled_from_end_to_end(spk):
     np.testing.assert_array_equal(table.t_ns, NODE + 10 * S * np.arange(20))
 
 
+def test_spk_whose_ends_are_a_rounding_off(spk):
+    table = read_spk(spk((BODY, NODE + 120, 20)))
+    assert table.t_ns[[0, 1, -1]].tolist() == [NODE, NODE + 10 * S, NODE + 190 * S]
+
+
 def test_spk_coverage_with_a_gap_gives_segments(spk):
     table = read_spk(spk((BODY, NODE, 20), (BODY, NODE + 1000 * S, 20)), stop_ns=NODE + 1100 * S)
     assert table.segments == ((0, 20), (20, 31))
