@@ -126,7 +126,7 @@ class Arrow:
     def rows(self, block: Array, sightings: Index) -> Array:
         """Rows of the sightings (g, M) of a group of images stacked: (..., g, 2 M, columns)."""
         taken = block[..., sightings, :, :]
-        return taken.reshape(*taken.shape[:-4], sightings.shape[0], -1, taken.shape[-1])
+        return taken.reshape(*taken.shape[:-4], sightings.shape[0], 2 * sightings.shape[1], taken.shape[-1])
 
 
 def _landmark_rows(arrow: Arrow, sightings: Index) -> Array:

@@ -15,6 +15,7 @@ from .earth import C_JT, OMEGA_EARTH, geodetic_to_itrf, itrf_to_geodetic
 from .geometry import locate, project
 from .orbit import C_RO, KeplerOrbit, pointing
 from .series import Attitude, Ephemeris, Orientation
+from .simulate import Errors
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -177,6 +178,28 @@ def _with_markers(
         image, landmark, pixel[:, 0], pixel[:, 1], np.full(n, sigmas.pixel), np.zeros(n, dtype=bool)
     )
     return replace(campaign, landmarks=landmarks, sightings=sightings)
+
+
+def measured(campaign: Campaign, errors: Errors, C_EK_model: Array) -> Campaign:
+    """What is delivered of a true campaign: every series, survey and pixel with its error, and the model mounting.
+
+    An image's attitude and position error sits on all samples of its burst; each burst must hold one image.
+    """
+    attitude, ephemeris, s = campaign.attitude, campaign.ephemeris, campaign.sightings
+    first, _ = attitude.bursts.bounds
+    owner = first[np.searchsorted(attitude.t_ns, campaign.images.t_ns, side="right") - 1]
+    image = np.argmax(first[:, None] == owner, axis=1)
+    C_EI = so3.exp(errors.alpha_E[image]) @ so3.from_quaternion(attitude.q_EF)
+    return replace(
+        campaign,
+        C_EK=C_EK_model,
+        attitude=replace(attitude, q_EF=so3.to_quaternion(C_EI)),
+        ephemeris=replace(ephemeris, r_J=ephemeris.r_J + errors.rho_J[image]),
+        landmarks=replace(campaign.landmarks, r_J=campaign.landmarks.r_J + errors.pi_J),
+        sightings=replace(
+            s, column_px=s.column_px + errors.pixel[:, 0], row_px=s.row_px + errors.pixel[:, 1]
+        ),
+    )
 
 
 def site_grid(latitude: float, longitude: float, height: ArrayLike, east_north: Array) -> Array:

@@ -8,6 +8,8 @@ import typer
 
 from .. import __version__
 from .calibrate import calibrate
+from .init import init
+from .locate import locate
 
 app = typer.Typer(
     help="In-flight alignment of an Earth-observation camera with its star tracker.",
@@ -33,5 +35,5 @@ def _options(
     pass
 
 
-for command in (calibrate,):
+for command in (init, calibrate, locate):
     app.command()(command)

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
     from ..calibration import Calibration
     from ..io.campaign import LoadedCampaign
+    from ..so3 import Array
 
 
 def calibrate(
@@ -50,7 +51,7 @@ def calibrate(
     done = run(loaded.campaign, estimator())
     document = _publish(loaded, done, method, out or campaign.parent / "result")
     speak.document(document)
-    speak.show(_table(done), *_sentences(done, out or campaign.parent / "result"))
+    speak.show(_table(done, loaded.C_EK_true), *_sentences(done, out or campaign.parent / "result"))
     speak.detail(*(f"{name}: {digest}" for name, digest in loaded.inputs.items()))
     if not done.status.usable:
         from ..errors import AlignmentFailed
@@ -76,7 +77,7 @@ def _publish(loaded: LoadedCampaign, done: Calibration, method: str, out: Path) 
     from ..io.write import csv_text, json_text, publish
 
     frames = ("camera", loaded.config.tracker)
-    document = result_document(done, method, frames, loaded.inputs, provenance(loaded))
+    document = result_document(done, method, frames, loaded.inputs, provenance(loaded), loaded.C_EK_true)
     files = {
         "result.json": json_text(document),
         "residuals.csv": csv_text(RESIDUAL_COLUMNS, residual_columns(done)),
@@ -97,10 +98,11 @@ def _publish(loaded: LoadedCampaign, done: Calibration, method: str, out: Path) 
     return document
 
 
-def _table(done: Calibration) -> Table:
+def _table(done: Calibration, C_EK_true: Array | None) -> Table:
     """Correction and sigma about the star tracker's axes."""
     from rich.table import Table
 
+    from .. import so3
     from ..units import ARCSEC
 
     table = Table(title=f"Alignment of {done.campaign.name}", title_justify="left")
@@ -111,6 +113,12 @@ def _table(done: Calibration) -> Table:
     table.add_row(
         "sigma", *(("not stated",) * 3 if sigma is None else (f"{value:.3f}" for value in sigma / ARCSEC))
     )
+    if C_EK_true is not None:
+        error = so3.log(done.estimate.C_EK @ C_EK_true.mT)
+        table.add_row("known truth", *(f"{value:.3f}" for value in so3.log(C_EK_true @ done.campaign.C_EK.mT) / ARCSEC))
+        table.add_row("error", *(f"{value:.3f}" for value in error / ARCSEC))
+        if sigma is not None:
+            table.add_row("error / sigma", *(f"{value:.2f}" for value in error / sigma))
     return table
 
 

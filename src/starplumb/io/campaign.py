@@ -52,6 +52,12 @@ class LoadedCampaign:
         )
 
     @property
+    def C_EK_true(self) -> Array | None:
+        """The true mounting where the campaign is simulated and says so."""
+        truth = self.config.truth
+        return None if truth is None else so3.from_quaternion(truth.quaternion_xyzw)
+
+    @property
     def shift_px(self) -> float:
         """What the user's pixel coordinates are ahead of ours: 0.5 where (0, 0) is a corner."""
         return pixel_shift(self.config.camera)

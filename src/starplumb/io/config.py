@@ -23,8 +23,8 @@ from .values import (
     Text,
     Triple,
     WholePair,
+    axis_order,
     choice,
-    euler_order,
     frame_name,
     printable,
 )
@@ -90,9 +90,10 @@ class CameraConfig(Section):
 
     @classmethod
     def rules(cls, given: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-        table = "look_angles" in given
-        if table and given.get("model") == "frame":
+        if "look_angles" in given and given.get("model") == "frame":
             yield "look_angles", 'found a table of look directions, wanted it for model = "line-scan" only'
+            return
+        table = "look_angles" in given
         for key in _OPTICS:
             if key not in given and not table:
                 yield key, f"missing, wanted {cls.model_fields[key].description}"
@@ -125,7 +126,7 @@ class Mounting(Section):
     matrix: Matrix | None = Field(default=None, description="three rows of three numbers")
     rotation_vector_deg: Triple | None = Field(default=None, description="three numbers")
     euler_deg: Triple | None = Field(default=None, description="three angles")
-    euler_order: Annotated[str, BeforeValidator(euler_order)] | None = Field(
+    euler_order: Annotated[str, BeforeValidator(axis_order)] | None = Field(
         default=None, description='three axes such as "ZYX" or "xyz"'
     )
     sigma_arcsec: Prior | None = Field(default=None, description="one positive number or three")
@@ -234,6 +235,12 @@ class EarthConfig(Section):
     orientation_file: Text = Field(description="the name of an IERS finals2000A file")
 
 
+class TruthConfig(Section):
+    """[truth]: the mounting from the camera to the star tracker that a simulation started from."""
+
+    quaternion_xyzw: Quaternion = Field(description="four numbers, scalar last")
+
+
 class CampaignConfig(Section):
     """The whole of campaign.toml."""
 
@@ -256,6 +263,7 @@ class CampaignConfig(Section):
         default_factory=lambda: CorrectionsConfig(), description="the section [corrections]"
     )
     earth: EarthConfig | None = Field(default=None, description="the section [earth] with orientation_file")
+    truth: TruthConfig | None = Field(default=None, description="the section [truth] with quaternion_xyzw")
 
     @property
     def tracker(self) -> str:

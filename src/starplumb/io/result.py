@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,9 +12,11 @@ from numpy.typing import NDArray
 
 from .. import __version__, so3
 from ..calibration import Calibration
+from ..errors import InputError
 from ..residuals import Accuracy, rms
 from ..units import ARCSEC
 from .campaign import LoadedCampaign
+from .files import read_text
 
 Array = NDArray[np.float64]
 
@@ -25,6 +29,7 @@ def result_document(
     frames: tuple[str, str],
     inputs: Mapping[str, str],
     provenance: Mapping[str, Any],
+    truth: Array | None = None,
 ) -> dict[str, Any]:
     """``result.json`` as a dictionary; ``frames`` are the user's names of camera and star tracker.
 
@@ -63,9 +68,22 @@ def result_document(
         ],
         "images": _images(c),
         "landmarks": _landmarks(c),
+        **({} if truth is None else {"truth": _truth(c, truth)}),
         "inputs": dict(inputs),
         "software": {"starplumb": __version__, "numpy": np.__version__},
         **provenance,
+    }
+
+
+def _truth(c: Calibration, C_EK_true: Array) -> dict[str, Any]:
+    """Where a simulation started from: the true correction, the error of the estimate and that over its sigma."""
+    error = so3.log(c.estimate.C_EK @ C_EK_true.mT)
+    sigma = c.estimate.sigma_E
+    return {
+        "quaternion_xyzw": numbers(so3.to_quaternion(C_EK_true)),
+        "correction_arcsec": numbers(so3.log(C_EK_true @ c.campaign.C_EK.mT) / ARCSEC),
+        "error_arcsec": numbers(error / ARCSEC),
+        "error_over_sigma": None if sigma is None else numbers(error / sigma),
     }
 
 
@@ -80,6 +98,29 @@ def provenance(loaded: LoadedCampaign) -> dict[str, Any]:
         "corrections": {"light_time": c.light_time, "aberration": c.aberration, "refraction": c.refraction},
         "notices": list(loaded.notices),
     }
+
+
+def read_mounting(path: Path, loaded: LoadedCampaign) -> tuple[Array, Array, str]:
+    """C_EK, its covariance (rad^2 about E; zero where none is stated) and a word on it from a ``result.json``.
+
+    Raises InputError where the file is no such result, its frames are not the campaign's, or its status forbids its use.
+    """
+    try:
+        document = json.loads(read_text(path))
+        mounting, status = document["mounting"], document["status"]
+        C_EK = np.array(mounting["matrix"], dtype=np.float64)
+        stated = document["covariance_arcsec2"]
+        covariance = np.zeros((3, 3)) if stated is None else ARCSEC**2 * np.array(stated, dtype=np.float64)
+        frames = (mounting["from"], mounting["to"])
+        usable = C_EK.shape == covariance.shape == (3, 3) and np.allclose(C_EK @ C_EK.mT, np.eye(3), atol=1e-6)
+    except (ValueError, KeyError, TypeError) as error:
+        raise InputError(f"{path}: found no usable mounting ({error!r}), wanted a {SCHEMA} result") from None
+    if status not in ("ok", "weak") or not usable:
+        raise InputError(f"{path}: status: found {status!r}, wanted a result whose mounting may be used (ok or weak)")
+    wanted = ("camera", loaded.config.tracker)
+    if frames != wanted:
+        raise InputError(f"{path}: mounting: found {frames[0]} to {frames[1]}, wanted {wanted[0]} to {wanted[1]}")
+    return C_EK, covariance, f"{path.name}, {document['method']}" + ("" if stated else ", no sigma stated")
 
 
 def numbers(values: Any) -> Any:

@@ -1,0 +1,103 @@
+"""``starplumb locate``: from a pixel to the ground."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from .output import Json, Output, Quiet
+
+if TYPE_CHECKING:
+    from ..io.campaign import LoadedCampaign
+    from ..location import Location
+    from ..so3 import Array
+
+
+def locate(
+    campaign: Annotated[Path, typer.Argument(help="The campaign.toml.", metavar="CAMPAIGN.toml")],
+    column: Annotated[float, typer.Argument(metavar="COLUMN", help="Column, in the campaign's pixel origin.")],
+    row: Annotated[float, typer.Argument(metavar="ROW")],
+    image: Annotated[str, typer.Option("--image", "-i", help="The image's id.")],
+    result: Annotated[
+        Path | None, typer.Option("--result", "-r", help="result.json to take the mounting from [default: the model].")
+    ] = None,
+    height_m: Annotated[float, typer.Option("--height-m", help="Ground height above the ellipsoid.")] = 0.0,
+    sigma_height_m: Annotated[float, typer.Option("--sigma-height-m", min=0.0, help="Its sigma.")] = 0.0,
+    sigma_px: Annotated[float, typer.Option("--sigma-px", min=0.0, help="Sigma of the pixel's coordinates.")] = 0.0,
+    json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Ground position of a pixel with its covariance.
+
+    Example:
+
+      starplumb locate demo/campaign.toml --result demo/result/result.json --image image01 6000 6000
+    """
+    import numpy as np
+
+    from ..errors import InputError
+    from ..io.campaign import load_campaign
+    from ..io.result import read_mounting
+    from ..location import ground
+
+    for name, value in (("COLUMN", column), ("ROW", row), ("--height-m", height_m)):
+        if not np.isfinite(value):
+            raise InputError(f"{name}: found {value}, wanted a finite number")
+    speak = Output(json, quiet)
+    loaded = load_campaign(campaign, with_detections=True)
+    speak.notices(loaded.notices)
+    ids = loaded.campaign.images.ids
+    if image not in ids:
+        raise InputError(f"--image: found {image!r}, wanted one of {', '.join(ids[:8])}{' ...' if len(ids) > 8 else ''}")
+    C_EK, covariance_E, known = read_mounting(result, loaded) if result else _model(loaded)
+    pixel = np.array([[column, row]]) - loaded.shift_px
+    where = ground(
+        loaded.campaign, C_EK, covariance_E, np.array([ids.index(image)]), pixel, height_m, sigma_px, sigma_height_m
+    )
+    if not np.all(np.isfinite(where.p_J)):
+        raise InputError(f"{campaign}: the line of sight of pixel ({column:g}, {row:g}) of {image} misses the Earth")
+    document = _document(where, image, (column, row), known)
+    speak.document(document)
+    speak.show(*_lines(document))
+
+
+def _model(loaded: LoadedCampaign) -> tuple[Array, Array, str]:
+    """The model mounting with its prior, where one is stated."""
+    import numpy as np
+
+    sigma = loaded.campaign.sigma_mounting
+    if sigma is None:
+        return loaded.campaign.C_EK, np.zeros((3, 3)), "model, its own error not stated and not included"
+    return loaded.campaign.C_EK, np.diag(sigma**2), "model with its stated sigma"
+
+
+def _document(where: Location, image: str, pixel: tuple[float, float], known: str) -> dict[str, Any]:
+    import numpy as np
+
+    from ..io.result import numbers
+    from ..units import DEG
+
+    covariance = where.covariance_T[0]
+    return {
+        "image_id": image,
+        "column_px": pixel[0],
+        "row_px": pixel[1],
+        "mounting": known,
+        "latitude_deg": float(where.latitude[0] / DEG),
+        "longitude_deg": float(where.longitude[0] / DEG),
+        "height_m": float(where.height[0]),
+        "itrf_m": numbers(where.p_J[0]),
+        "covariance_east_north_up_m2": numbers(covariance),
+        "sigma_east_north_up_m": numbers(np.sqrt(np.diagonal(covariance))),
+    }
+
+
+def _lines(d: dict[str, Any]) -> list[str]:
+    east, north, up = d["sigma_east_north_up_m"]
+    return [
+        f"latitude {d['latitude_deg']:.7f} deg, longitude {d['longitude_deg']:.7f} deg, "
+        f"height {d['height_m']:.2f} m above the ellipsoid",
+        f"sigma {east:.2f} m east, {north:.2f} m north, {up:.2f} m up (mounting: {d['mounting']})",
+    ]
