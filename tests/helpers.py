@@ -52,7 +52,7 @@ time,x_m,y_m,z_m,vx_m_s,vy_m_s,vz_m_s
 2020-01-01T00:00:04.000,7058137.0,0.0,15000.0,0.0,0.0,7500.0
 """
 
-# E: x east, y south, z down, so C_EJ has the rows (0 1 0), (0 0 -1), (-1 0 0): q = (0.5, -0.5, 0.5, ...) by hand.
+# E: x east, y south, z down, so C_EJ has the rows (0 1 0), (0 0 -1), (-1 0 0), a turn of 120 deg about (1, 1, -1).
 ATTITUDE = """\
 time,qx,qy,qz,qw
 2020-01-01T00:00:00.000,0.5,0.5,-0.5,0.5
@@ -73,13 +73,14 @@ I1,2020-01-01T00:00:01.500
 I2,2020-01-01T00:00:02.500
 """
 
+# As the identity mounting would show the landmarks, moved by a few tenths of a pixel.
 OBSERVATIONS = """\
 image_id,landmark_id,column_px,row_px,sigma_px
-I1,L1,8000.25,3300.0,0.2
-I1,L2,8000.75,7300.0,0.2
-I1,L3,3600.0,5300.0,0.2
-I2,L1,8000.0,4700.0,0.2
-I2,L2,8000.0,8700.0,0.2
+I1,L1,8000.3,2658.1,0.2
+I1,L2,8000.6,6632.7,0.2
+I1,L3,3598.2,4645.3,0.2
+I2,L1,8000.4,5353.8,0.2
+I2,L2,8000.5,9329.2,0.2
 """
 
 FILES = {

@@ -71,7 +71,7 @@ def landmarks_from(table: Table) -> Landmarks:
         r_J = geodetic_to_itrf(latitude, longitude, table.numbers["height_m"])
     else:
         r_J = table.columns(*CARTESIAN)
-        require_radius(table, r_J, RADIUS_M, "a place on the ground, its distance from the Earth's centre")
+        require_radius(table, r_J, RADIUS_M, "a place on the ground, from the Earth's centre")
         latitude, longitude, _ = itrf_to_geodetic(r_J)
     columns = _one_of(table, ("sigma_m",), SIGMA_ENU)
     for name in columns:
@@ -90,10 +90,10 @@ def require_radius(table: Table, r: Array, limits: tuple[float, float], what: st
     good = (radius >= limits[0]) & (radius <= limits[1])
     if not good.all():
         row = int(np.argmin(good))
-        wanted = f"{what} {limits[0]:g} to {limits[1]:g} m"
-        unit = " (are these kilometres?)" if limits[0] <= 1e3 * radius[row] <= limits[1] else ""
+        wanted = f"{what} {limits[0] / 1e3:g} to {limits[1] / 1e3:g} km"
+        unit = " (are these kilometres?)" if limits[0] <= 1e3 * np.median(radius) <= limits[1] else ""
         where = f"{table.path}, row {table.line[row]}, columns x_m, y_m, z_m"
-        raise InputError(f"{where}: found a radius of {radius[row]:.7g}, wanted {wanted}{unit}")
+        raise InputError(f"{where}: found {radius[row]:.7g} m, wanted {wanted}{unit}")
 
 
 def read_images(path: Path, scale: str, scans: bool, notices: list[str]) -> Images:

@@ -18,7 +18,7 @@ from starplumb.units import ARCSEC
 from .config import AttitudeConfig, EphemerisConfig
 from .files import show
 from .frames import earth_frame
-from .markers import CARTESIAN, epochs
+from .markers import CARTESIAN, epochs, require_radius
 from .series_tables import AttitudeTable, EphemerisTable
 from .tables import Array, Epochs, Table, read_table
 from .values import UNIT_TOLERANCE
@@ -107,6 +107,7 @@ def earth_fixed(
 
 def _csv_ephemeris(path: Path, config: EphemerisConfig, scale: str) -> EphemerisTable:
     table = read_table(path, texts=("time",), numbers=CARTESIAN, optional_numbers=VELOCITY)
+    require_radius(table, table.columns(*CARTESIAN), ORBIT_RADIUS_M, "an orbit, from the Earth's centre")
     return EphemerisTable(
         _increasing(table, scale),
         r=table.columns(*CARTESIAN),
@@ -141,17 +142,16 @@ def _message(path: Path, config: EphemerisConfig) -> EphemerisTable:
 
 
 def _require_orbit(path: Path, table: EphemerisTable) -> None:
-    """Kilometres taken for metres, or positions from another centre, are seen by their radius."""
+    """Positions about another centre, or in wrong units, are seen by their radius."""
     radius = np.linalg.norm(table.r, axis=-1)
     low, high = ORBIT_RADIUS_M
     good = (radius >= low) & (radius <= high)
     if not good.all():
         row = int(np.argmin(good))
         time = format_iso(table.t_ns[row], table.time_scale, 3)[0]
-        unit = " (are these kilometres?)" if low <= 1e3 * radius[row] <= high else ""
         where = f"{path}, the position at {time} {table.time_scale}"
         found = f"found it {radius[row]:.7g} m from the Earth's centre"
-        raise InputError(f"{where}: {found}, wanted {low:g} to {high:g} m{unit}")
+        raise InputError(f"{where}: {found}, wanted {low / 1e3:g} to {high / 1e3:g} km")
 
 
 def _increasing(table: Table, scale: str) -> Epochs:

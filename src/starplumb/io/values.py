@@ -10,7 +10,6 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import BeforeValidator
 
-from .files import nearest
 from .sections import wrong
 
 UNIT_TOLERANCE = 1e-3
@@ -85,15 +84,14 @@ def frame_name(value: object) -> object:
 
 
 def choice(*words: str) -> BeforeValidator:
-    """One of a few words; a near miss is told the word that is meant."""
+    """One of a few words, written exactly so."""
     quoted = [f'"{word}"' for word in words]
     listed = " or ".join([", ".join(quoted[:-1]), quoted[-1]]) if len(words) > 1 else quoted[0]
 
     def check(value: object) -> object:
         if value in words:
             return value
-        meant = nearest(value, words) if isinstance(value, str) else None
-        raise wrong(value, listed + (f' (perhaps "{meant}")' if meant and len(words) > 2 else ""))
+        raise wrong(value, listed)
 
     return BeforeValidator(check)
 
@@ -120,7 +118,7 @@ def _rotation_matrix(value: object) -> tuple[tuple[float, ...], ...]:
     return rows
 
 
-def euler_order(value: object) -> object:
+def axis_order(value: object) -> object:
     """Three axes, no two neighbours alike: capitals about the axes as turned so far, small ones about the
     fixed."""
     order = value if isinstance(value, str) else ""
@@ -147,7 +145,7 @@ def _whole_pair(value: object) -> tuple[int, ...]:
 
 
 Text = Annotated[str, BeforeValidator(printable)]
-Positive = Annotated[float, BeforeValidator(number("a positive number", _positive))]
+Positive = Annotated[float, BeforeValidator(number("a positive finite number", _positive))]
 Quaternion = Annotated[tuple[float, float, float, float], BeforeValidator(_unit_quaternion)]
 Matrix = Annotated[tuple[tuple[float, float, float], ...], BeforeValidator(_rotation_matrix)]
 Triple = Annotated[tuple[float, float, float], BeforeValidator(vector(3, "three finite numbers"))]
@@ -156,10 +154,11 @@ WholePair = Annotated[tuple[int, int], BeforeValidator(_whole_pair)]
 Sigma = Annotated[
     tuple[float, float, float],
     BeforeValidator(
-        one_or_three("one number or three, none negative (0 claims an exact value)", _not_negative)
+        one_or_three("one finite number or three, none negative (0 claims an exact value)", _not_negative)
     ),
 ]
 Prior = Annotated[
-    tuple[float, float, float], BeforeValidator(one_or_three("one positive number or three", _positive))
+    tuple[float, float, float],
+    BeforeValidator(one_or_three("one positive finite number or three", _positive)),
 ]
 Frame = Annotated[Literal["ITRF", "GCRF"], choice("ITRF", "GCRF"), BeforeValidator(frame_name)]
