@@ -9,10 +9,11 @@ F is turned into pixels by ``B = -dF/d(column, row)`` (the camera's slope less t
 so that the residual ``z = B^-1 F`` is "predicted minus measured pixel" for frame and line-scan cameras alike and its
 noise is the pixel noise.  To first order::
 
-    z = H (theta_E + alpha_E) + R (rho_J - pi_J) + noise
+    z = H (theta_E - alpha_E) + R (rho_J - pi_J) + noise
 
 with theta_E the error of the model mounting, alpha_E that of the measured attitude, rho_J that of the measured
-position and pi_J that of the surveyed marker.
+position and pi_J that of the surveyed marker.  (A mounting turned by theta turns the camera against the scene as a
+measured attitude turned by -theta does: only their difference is seen.)
 """
 
 from __future__ import annotations
@@ -34,13 +35,15 @@ class Linearised:
 
     ``z_px`` (..., n, 2) predicted minus measured pixel; ``H`` (..., n, 2, 3) px per rad about E's axes;
     ``R`` (..., n, 2, 3) px per metre of the camera's position in J; ``in_front`` (..., n) False where the marker lies
-    behind the camera, so that its tangents mean nothing.
+    behind the camera, so that its tangents mean nothing; ``B`` (..., n, 2, 2) rad per pixel turns a residual in pixels
+    into one in tangents, ``F = B z``.
     """
 
     z_px: Array
     H: Array
     R: Array
     in_front: NDArray[np.bool_]
+    B: Array
 
 
 def _project(C_EK: Array, e_E: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
@@ -54,10 +57,14 @@ def _project(C_EK: Array, e_E: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
     return h, P_E, z > 0.0
 
 
-def _pixel_frame(slope_K: Array, P_E: Array, row_rate_E: Array) -> Array:
-    """B^-1 (..., n, 2, 2): pixels per unit of tangent."""
+def _tangents_per_pixel(slope_K: Array, P_E: Array, row_rate_E: Array) -> Array:
+    """B (..., n, 2, 2): the camera's slope less the motion of the scene during a row."""
     B = np.array(np.broadcast_to(slope_K, np.broadcast_shapes(slope_K.shape, (*P_E.shape[:-2], 2, 2))))
     B[..., :, 1] -= (P_E @ row_rate_E[..., None])[..., 0]
+    return B
+
+
+def _inverse(B: Array) -> Array:
     determinant = B[..., 0, 0] * B[..., 1, 1] - B[..., 0, 1] * B[..., 1, 0]
     inverse = np.empty_like(B)
     inverse[..., 0, 0], inverse[..., 1, 1] = B[..., 1, 1], B[..., 0, 0]
@@ -73,7 +80,7 @@ def predict(C_EK: Array, e_E: Array) -> Array:
 def pixel_residual(C_EK: Array, e_E: Array, xy_K: Array, slope_K: Array, row_rate_E: Array) -> Array:
     """z = B^-1 F: predicted minus measured pixel (column, row), (..., n, 2)."""
     h, P_E, _ = _project(C_EK, e_E)
-    to_px = _pixel_frame(slope_K, P_E, row_rate_E)
+    to_px = _inverse(_tangents_per_pixel(slope_K, P_E, row_rate_E))
     return np.asarray((to_px @ (h - xy_K)[..., None])[..., 0])
 
 
@@ -90,9 +97,10 @@ def linearise(observations: Observations, C_EK: Array) -> Linearised:
     C_EJ / range``, where the part of the displacement along the line of sight needs no removal since P s_K = 0.
     """
     h, P_E, in_front = _project(C_EK, observations.e_E)
-    to_px = _pixel_frame(observations.slope_K, P_E, observations.row_rate_E)
+    B = _tangents_per_pixel(observations.slope_K, P_E, observations.row_rate_E)
+    to_px = _inverse(B)
     G = to_px @ P_E
     z = (to_px @ (h - observations.xy_K)[..., None])[..., 0]
     H = G @ so3.skew(observations.e_E)
     R = -(G @ observations.C_EJ) / observations.range_m[..., None, None]
-    return Linearised(z, H, R, in_front)
+    return Linearised(z, H, R, in_front, B)

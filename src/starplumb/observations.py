@@ -38,7 +38,7 @@ class Observations:
 
     Shared errors: ``cov_attitude_E`` (..., m, 3, 3) rad^2 about E's axes, ``cov_position_J`` (..., m, 3, 3) m^2,
     ``cov_landmark_J`` (..., L, 3, 3) m^2.  ``corrections`` are those in ``e_E``.  ``prior_E`` (3, 3) rad^2 is what was known of the model mounting's error
-    ``theta_E``, None for nothing.
+    ``theta_E``, None for nothing.  ``epoch_s`` (m,) is each image's time after the first one listed, s, None where not known.
     """
 
     image: Index
@@ -61,6 +61,7 @@ class Observations:
     cov_landmark_J: Array
     corrections: Corrections
     prior_E: Array | None = None
+    epoch_s: Array | None = None
 
     def __post_init__(self) -> None:
         n = self.image.size
