@@ -3,20 +3,18 @@
 The unknowns are a few common parameters x (the alignment, first of all), six per image (its attitude error alpha_E and
 position error rho_J) and three per landmark (its place error pi_J), the latter two held by their stated covariances::
 
-    v = z + A x - H alpha_i - R rho_i + R pi_l,      minimise |v|^2/sigma^2 + |S^-1 (alpha, rho, pi)|^2
+    v = z + A x + H alpha_i - R rho_i + R pi_l,      minimise |v|^2/sigma^2 + |S^-1 (alpha, rho, pi)|^2
 
 Each image meets only its own six unknowns and each landmark its own three, so images are eliminated one by one (6 x 6),
 a landmark seen once is folded into the noise of its one sighting (2 x 2), and what is left is as wide as x and the
-landmarks seen more often.  No matrix of all observations is ever formed.  Leading batch axes pass through.
+landmarks seen more often.  No matrix with a row for every observation is multiplied out.  Leading batch axes pass through.
 
 With S a square root of the stated covariance the shared unknowns have unit prior: a stated sigma of zero is allowed.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,111 +64,104 @@ def _inverse_root_2x2(V: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class Arrow:
-    """Whitened design of an observation table, and which sighting belongs to which image and landmark.
+class _Design:
+    """Whitened observations ``v = z + A x + G a + D b`` in the unknowns' own units (unit prior on a and b).
 
-    ``z`` (..., n, 2, 1), ``A`` (..., n, 2, k), ``G`` (..., n, 2, 6) for the image's errors in units of their prior,
-    ``D`` (..., n, 2, 3) likewise for a landmark seen more than once (zero for one seen once).
+    ``P`` (..., n, 2, 6 + k + 1) holds ``[G, A, z]``; ``D`` (..., n, 2, 3) is zero for a landmark seen once.
+    ``repeated`` (q,) are the landmarks seen more than once, ``place`` (n,) that of each sighting's among them (-1: none).
     """
 
-    observations: Observations
-    z: Array
-    A: Array
-    G: Array
+    P: Array
     D: Array
     S_attitude: Array
     S_position: Array
     S_landmark: Array
-
-    @classmethod
-    def build(cls, observations: Observations, model: Linearised, A: Array) -> Arrow:
-        o = observations
-        S_attitude, S_position = square_root(o.cov_attitude_E), square_root(o.cov_position_J)
-        S_landmark = square_root(o.cov_landmark_J)
-        RS = model.R @ S_landmark[..., o.landmark, :, :]
-        once = (np.bincount(o.landmark, minlength=o.n_landmarks) == 1)[o.landmark][:, None, None]
-        V = np.where(once, RS @ RS.mT, 0.0) + (o.sigma_px**2)[..., None, None] * np.eye(2)
-        W = _inverse_root_2x2(V) * np.sqrt(o.weight)[..., None, None]
-        attitude = -model.H @ S_attitude[..., o.image, :, :]
-        position = -model.R @ S_position[..., o.image, :, :]
-        G = W @ np.concatenate(np.broadcast_arrays(attitude, position), axis=-1)
-        D = np.where(once, 0.0, W @ RS)
-        z, A = W @ model.z_px[..., None], W @ A
-        batch = np.broadcast_shapes(*(block.shape[:-3] for block in (z, A, G, D)))
-        z, A, G, D = (np.broadcast_to(block, (*batch, *block.shape[-3:])) for block in (z, A, G, D))
-        return cls(o, z, A, G, D, S_attitude, S_position, S_landmark)
-
-    @cached_property
-    def repeated(self) -> Index:
-        """Landmarks seen more than once."""
-        return np.flatnonzero(
-            np.bincount(self.observations.landmark, minlength=self.observations.n_landmarks) > 1
-        )
-
-    @cached_property
-    def column(self) -> Index:
-        """Place of each landmark among the repeated ones, (L,)."""
-        place = np.zeros(self.observations.n_landmarks, dtype=np.int64)
-        place[self.repeated] = np.arange(self.repeated.size)
-        return place
-
-    def images(self) -> Iterator[tuple[Index, Index]]:
-        """Groups of images with equally many sightings: images (g,) and their sightings (g, M)."""
-        order = np.argsort(self.observations.image, kind="stable")
-        counts = np.bincount(self.observations.image, minlength=self.observations.n_images)
-        starts = np.concatenate([[0], np.cumsum(counts)[:-1]])
-        for count in np.unique(counts[counts > 0]):
-            group = np.flatnonzero(counts == count)
-            yield group, order[starts[group, None] + np.arange(count)]
-
-    def rows(self, block: Array, sightings: Index) -> Array:
-        """Rows of the sightings (g, M) of a group of images stacked: (..., g, 2 M, columns)."""
-        taken = block[..., sightings, :, :]
-        return taken.reshape(*taken.shape[:-4], sightings.shape[0], 2 * sightings.shape[1], taken.shape[-1])
+    repeated: Index
+    place: Index
 
 
-def _landmark_rows(arrow: Arrow, sightings: Index) -> Array:
-    """D of a group of images spread over the columns of the repeated landmarks: (..., g, 2 M, 3 q)."""
-    q = arrow.repeated.size
-    D = arrow.D[..., sightings, :, :]
-    g, M = sightings.shape
-    spread = np.zeros((*D.shape[:-4], g, M, 2, q, 3))
-    place = arrow.column[arrow.observations.landmark[sightings]]
-    image, sighting = np.ogrid[:g, :M]
-    # indices on both sides of a slice go to the front: (g, M, ..., 2, 3)
-    spread[..., image, sighting, :, place, :] = np.moveaxis(D, (-4, -3), (0, 1))
-    return spread.reshape(*D.shape[:-4], g, 2 * M, 3 * q)
+def _whiten(o: Observations, model: Linearised, A: Array) -> _Design:
+    S_attitude, S_position = square_root(o.cov_attitude_E), square_root(o.cov_position_J)
+    S_landmark = square_root(o.cov_landmark_J)
+    times_seen = np.bincount(o.landmark, minlength=o.n_landmarks)
+    repeated = np.flatnonzero(times_seen > 1)
+    place = np.full(o.n_landmarks, -1)
+    place[repeated] = np.arange(repeated.size)
+    once = (times_seen == 1)[o.landmark][:, None, None]
+    D = model.R @ S_landmark[..., o.landmark, :, :]
+    V = np.where(once, D @ D.mT, 0.0) + (o.sigma_px**2)[..., None, None] * np.eye(2)
+    W = _inverse_root_2x2(V) * np.sqrt(o.weight)[..., None, None]
+    attitude = model.H @ S_attitude[..., o.image, :, :]
+    position = -model.R @ S_position[..., o.image, :, :]
+    blocks = [attitude, position, A, model.z_px[..., None]]
+    batch = np.broadcast_shapes(*(block.shape[:-2] for block in blocks))
+    P = W @ np.concatenate([np.broadcast_to(b, (*batch, *b.shape[-2:])) for b in blocks], axis=-1)
+    D = np.where(once, 0.0, W @ D)
+    return _Design(P, D, S_attitude, S_position, S_landmark, repeated, place[o.landmark])
+
+
+def _sums(values: Array, index: Index, count: int) -> Array:
+    """Sums (..., count, a, b) of the values (..., n, a, b) with the same index (n,)."""
+    total = np.zeros((*values.shape[:-3], count, *values.shape[-2:]))
+    if index.size:
+        order = np.argsort(index, kind="stable")
+        present, starts = np.unique(index[order], return_index=True)
+        total[..., present, :, :] = np.add.reduceat(values[..., order, :, :], starts, axis=-3)
+    return total
+
+
+def _image_squares(P: Array, image: Index, count: int) -> Array:
+    """P^T P of each image (..., m, w, w), its sightings' rows stacked; images with equally many go together."""
+    order = np.argsort(image, kind="stable")
+    counts = np.bincount(image, minlength=count)
+    starts = np.concatenate([[0], np.cumsum(counts)[:-1]])
+    squares = np.zeros((*P.shape[:-3], count, P.shape[-1], P.shape[-1]))
+    for size in np.unique(counts[counts > 0]):
+        group = np.flatnonzero(counts == size)
+        rows = P[..., order[starts[group, None] + np.arange(size)], :, :]
+        rows = rows.reshape(*P.shape[:-3], group.size, 2 * size, P.shape[-1])
+        squares[..., group, :, :] = rows.mT @ rows
+    return squares
 
 
 @dataclass(frozen=True)
-class _Image:
-    """What elimination leaves of a group of images: (G^T G + I)^-1, G^T Y and G^T z."""
+class _Normal:
+    """Normal equations, images first: ``inverse`` (..., m, 6, 6) of G^T G + I; ``GY``, ``Gz`` (..., m, 6, .) couple an
+    image to y = (x, landmarks); ``YY``, ``Yz`` what the images leave of y, (..., w, w) and (..., w, 1)."""
 
-    images: Index
     inverse: Array
     GY: Array
     Gz: Array
+    YY: Array
+    Yz: Array
 
 
-def _eliminate_images(arrow: Arrow, k: int) -> tuple[Array, Array, Array, list[_Image]]:
-    """Reduced normal matrix and right side over (x, repeated landmarks), and the constant of chi-square."""
-    width = k + 3 * arrow.repeated.size
-    batch = arrow.z.shape[:-3]
-    N, g, constant = np.zeros((*batch, width, width)), np.zeros((*batch, width, 1)), np.zeros(batch)
-    eliminated = []
-    for images, sightings in arrow.images():
-        z, G, Y = (arrow.rows(block, sightings) for block in (arrow.z, arrow.G, arrow.A))
-        if arrow.repeated.size:
-            Y = np.concatenate([Y, _landmark_rows(arrow, sightings)], axis=-1)
-        inverse: Array = np.asarray(np.linalg.inv(G.mT @ G + np.eye(6)), dtype=np.float64)
-        GY, Gz = G.mT @ Y, G.mT @ z
-        N += np.sum(Y.mT @ Y - GY.mT @ inverse @ GY, axis=-3)
-        g += np.sum(Y.mT @ z - GY.mT @ inverse @ Gz, axis=-3)
-        constant += np.sum(z * z, axis=(-3, -2, -1)) - np.sum(Gz * (inverse @ Gz), axis=(-3, -2, -1))
-        eliminated.append(_Image(images, inverse, GY, Gz))
-    landmarks = np.arange(k, width)
-    N[..., landmarks, landmarks] += 1.0
-    return N, g, constant, eliminated
+def _normal(o: Observations, d: _Design) -> _Normal:
+    """Sum the normal equations and eliminate the images."""
+    m, q, k = o.n_images, d.repeated.size, d.P.shape[-1] - 7
+    squares = _image_squares(d.P, o.image, m)
+    seen = np.flatnonzero(d.place >= 0)
+    place, D, P = d.place[seen], d.D[..., seen, :, :], d.P[..., seen, :, :]
+    batch = squares.shape[:-3]
+    DP = D.mT @ P
+    D_common = _sums(DP[..., 6:], place, q).reshape(*batch, 3 * q, k + 1)
+    GD = _sums(DP[..., :6].mT, o.image[seen] * q + place, m * q).reshape(*batch, m, q, 6, 3)
+    GY = np.concatenate(
+        [squares[..., :6, 6:-1], np.moveaxis(GD, -3, -2).reshape(*batch, m, 6, 3 * q)], axis=-1
+    )
+    Gz = squares[..., :6, -1:]
+    inverse: Array = np.asarray(np.linalg.inv(squares[..., :6, :6] + np.eye(6)), dtype=np.float64)
+    common = np.sum(squares[..., 6:, 6:], axis=-3)
+    YY, Yz = np.zeros((*batch, k + 3 * q, k + 3 * q)), np.zeros((*batch, k + 3 * q, 1))
+    YY[..., :k, :k], Yz[..., :k, :] = common[..., :k, :k], common[..., :k, k:]
+    YY[..., k:, :k], Yz[..., k:, :] = D_common[..., :k], D_common[..., k:]
+    YY[..., :k, k:] = YY[..., k:, :k].mT
+    landmark = k + 3 * np.arange(q)[:, None] + np.arange(3)
+    YY[..., landmark[:, :, None], landmark[:, None, :]] = _sums(D.mT @ D, place, q) + np.eye(3)
+    flat = (inverse @ GY).reshape(*batch, 6 * m, -1)
+    YY -= flat.mT @ GY.reshape(*batch, 6 * m, -1)
+    Yz -= flat.mT @ Gz.reshape(*batch, 6 * m, 1)
+    return _Normal(inverse, GY, Gz, YY, Yz)
 
 
 def _invert_information(information: Array) -> Array:
@@ -202,49 +193,51 @@ def solve(
     ``x ~ N(prior_step, prior_information^-1)``, shapes (..., k) and (..., k, k).  Where the common
     parameters are not determined their covariance is infinite and their step zero.
     """
-    arrow = Arrow.build(observations, model, A)
-    k = A.shape[-1]
-    N, g, constant, eliminated = _eliminate_images(arrow, k)
+    d = _whiten(observations, model, A)
+    n, k = _normal(observations, d), A.shape[-1]
     # landmarks seen repeatedly go next, x is left
-    N_ll, N_lx = N[..., k:, k:], N[..., k:, :k]
-    back = np.linalg.solve(N_ll, np.concatenate([N_lx, g[..., k:, :]], axis=-1))
-    information = N[..., :k, :k] - N_lx.mT @ back[..., :k]
-    right = (g[..., :k, :] - N_lx.mT @ back[..., k:])[..., 0]
-    constant = constant - np.sum(g[..., k:, 0] * back[..., k], axis=-1)
+    N_ll, N_lx = n.YY[..., k:, k:], n.YY[..., k:, :k]
+    back = np.linalg.solve(N_ll, np.concatenate([N_lx, n.Yz[..., k:, :]], axis=-1))
+    information = n.YY[..., :k, :k] - N_lx.mT @ back[..., :k]
+    right = (n.Yz[..., :k, :] - N_lx.mT @ back[..., k:])[..., 0]
     if prior_information is not None and prior_step is not None:
         information = information + prior_information
-        pull = (prior_information @ prior_step[..., None])[..., 0]
-        right = right - pull
-        constant = constant + np.sum(prior_step * pull, axis=-1)
+        right = right - (prior_information @ prior_step[..., None])[..., 0]
     covariance = _invert_information(information)
     x = -(np.where(np.isfinite(covariance), covariance, 0.0) @ right[..., None])[..., 0]
-    chi2 = constant + np.sum(right * x, axis=-1)
     b = -(back[..., k] + (back[..., :k] @ x[..., None])[..., 0])
-    return _shared_errors(arrow, eliminated, (x, information, covariance, chi2), b)
+    chi2 = np.zeros(x.shape[:-1])
+    if prior_information is not None and prior_step is not None:
+        off = x - prior_step
+        chi2 = np.sum(off * (prior_information @ off[..., None])[..., 0], axis=-1)
+    return _with_shared_errors(observations, d, n, (x, information, covariance, chi2), b)
 
 
-def _shared_errors(
-    arrow: Arrow, eliminated: list[_Image], common: tuple[Array, Array, Array, Array], b: Array
+def _with_shared_errors(
+    o: Observations, d: _Design, n: _Normal, common: tuple[Array, Array, Array, Array], b: Array
 ) -> Adjustment:
-    """Errors of images and landmarks behind a solution, and the residuals once they are taken out."""
-    o, (x, information, covariance, chi2) = arrow.observations, common
+    """The solution with the errors of images and landmarks behind it, and the residuals once they are taken out."""
+    x, information, covariance, chi2 = common
     batch = x.shape[:-1]
-    y = np.concatenate([x, b], axis=-1)
-    a = np.zeros((*batch, o.n_images, 6))
-    for group in eliminated:
-        right = group.Gz + group.GY @ y[..., None, :, None]
-        a[..., group.images, :] = -(group.inverse @ right)[..., 0]
+    y = np.concatenate([x, b], axis=-1)[..., None, :, None]
+    a = -(n.inverse @ (n.Gz + n.GY @ y))[..., 0]
     landmark = np.zeros((*batch, o.n_landmarks, 3))
-    landmark[..., arrow.repeated, :] = b.reshape(*batch, -1, 3)
-    v = arrow.z + arrow.A @ x[..., None, :, None] + arrow.G @ a[..., o.image, :, None]
-    v = v + arrow.D @ landmark[..., o.landmark, :, None]
+    landmark[..., d.repeated, :] = b.reshape(*batch, -1, 3)
+    unknown = np.concatenate(
+        [a, np.broadcast_to(x[..., None, :], (*batch, o.n_images, x.shape[-1]))], axis=-1
+    )
+    v = (
+        d.P[..., -1:]
+        + d.P[..., :-1] @ unknown[..., o.image, :, None]
+        + d.D @ landmark[..., o.landmark, :, None]
+    )
     return Adjustment(
         x=x,
         information=information,
         covariance=covariance,
-        alpha_E=(arrow.S_attitude @ a[..., :3, None])[..., 0],
-        rho_J=(arrow.S_position @ a[..., 3:, None])[..., 0],
-        pi_J=(arrow.S_landmark @ landmark[..., None])[..., 0],
+        alpha_E=(d.S_attitude @ a[..., :3, None])[..., 0],
+        rho_J=(d.S_position @ a[..., 3:, None])[..., 0],
+        pi_J=(d.S_landmark @ landmark[..., None])[..., 0],
         v=v[..., 0],
-        chi2=chi2,
+        chi2=chi2 + np.sum(v * v, axis=(-3, -2, -1)) + np.sum(a * a, axis=(-2, -1)) + np.sum(b * b, axis=-1),
     )

@@ -80,7 +80,7 @@ def residuals(campaign: Campaign, observations: Observations, used: Mask, C_EK: 
     shared = solve(chosen, at_chosen, at_chosen.H[..., :0])
     turned = model.H @ shared.alpha_E[o.image, :, None]
     moved = model.R @ (shared.rho_J[o.image] - shared.pi_J[o.landmark])[..., None]
-    fit = model.z_px - (turned + moved)[..., 0]
+    fit = model.z_px - (moved - turned)[..., 0]
     return Residuals(
         used=used,
         before_px=residual_px(o, campaign.C_EK),

@@ -49,24 +49,24 @@ class Gls:
         C = np.where(closed, start.C_EK, C_EK)
         converged = np.zeros(C.shape[:-2], dtype=bool)
         iterations = np.zeros(C.shape[:-2], dtype=np.int64)
+        step = adjust(observations, C, C_EK)
         for _ in range(self.max_iterations):
-            step = adjust(observations, C, C_EK)
             C = so3.exp(step.x) @ C
             iterations += ~converged
             converged = converged | (np.linalg.norm(step.x, axis=-1) < self.tolerance)
             if np.all(converged):
                 break
-        return self._estimate(observations, C, C_EK, converged, iterations)
+            step = adjust(observations, C, C_EK)
+        return self._estimate(observations, C, step, converged, iterations)
 
     def _estimate(
         self,
         observations: Observations,
         C: Array,
-        C_EK_model: Array,
+        final: Adjustment,
         converged: NDArray[np.bool_],
         iterations: NDArray[np.int64],
     ) -> AlignmentEstimate:
-        final = adjust(observations, C, C_EK_model)
         weakest = np.linalg.eigvalsh(final.information)[..., 0]
         status = np.full(C.shape[:-2], int(Status.OK))
         status[~converged | ~np.isfinite(final.chi2)] = int(Status.NOT_CONVERGED)
