@@ -38,9 +38,7 @@ SUFFIXES = {
     "ephemeris": (".csv", ".oem", ".xml", ".sp3", ".bsp"),
     "attitude": (".csv", ".aem", ".xml"),
     "landmarks": (".csv", ".gpkg", ".geojson", ".json", ".shp"),
-    "images": (".csv",),
-    "observations": (".csv",),
-    "detections": (".csv",),
+    "table": (".csv",),
 }
 
 
@@ -203,22 +201,10 @@ class LandmarksConfig(Section):
     file: Annotated[str, _table("landmarks")] = Field(description="the name of the file of landmarks")
 
 
-class ImagesConfig(Section):
-    """[images]"""
+class TableConfig(Section):
+    """[images], [observations] or [detections]"""
 
-    file: Annotated[str, _table("images")] = Field(description="the name of the table of images")
-
-
-class ObservationsConfig(Section):
-    """[observations]"""
-
-    file: Annotated[str, _table("observations")] = Field(description="the name of the table of observations")
-
-
-class DetectionsConfig(Section):
-    """[detections]"""
-
-    file: Annotated[str, _table("detections")] = Field(description="the name of the table of detections")
+    file: Annotated[str, _table("table")] = Field(description="the name of a CSV table")
 
 
 class CorrectionsConfig(Section):
@@ -252,13 +238,9 @@ class CampaignConfig(Section):
         description="the section [attitude] with file, from, to and sigma_arcsec"
     )
     landmarks: LandmarksConfig = Field(description="the section [landmarks] with file")
-    images: ImagesConfig = Field(description="the section [images] with file")
-    observations: ObservationsConfig | None = Field(
-        default=None, description="the section [observations] with file"
-    )
-    detections: DetectionsConfig | None = Field(
-        default=None, description="the section [detections] with file"
-    )
+    images: TableConfig = Field(description="the section [images] with file")
+    observations: TableConfig | None = Field(default=None, description="the section [observations] with file")
+    detections: TableConfig | None = Field(default=None, description="the section [detections] with file")
     corrections: CorrectionsConfig = Field(
         default_factory=lambda: CorrectionsConfig(), description="the section [corrections]"
     )

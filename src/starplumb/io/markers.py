@@ -49,7 +49,13 @@ def epochs(table: Table, scale: str) -> NDArray[np.int64]:
 
 
 def read_landmarks(path: Path, notices: list[str]) -> Landmarks:
-    """Landmarks of a CSV table."""
+    """Landmarks of a CSV table, or of a vector file."""
+    if path.suffix.lower() != ".csv":
+        from .vector import read_points
+
+        points = read_points(path)
+        notices += points.notices
+        return landmarks_from(points)
     places = (*GEODETIC, *CARTESIAN, "sigma_m", *SIGMA_ENU)
     table = read_table(path, texts=("landmark_id",), optional_numbers=places)
     notices += table.notices

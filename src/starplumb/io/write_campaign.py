@@ -17,8 +17,8 @@ from starplumb.timescales import format_iso
 from starplumb.units import ARCSEC, DEG, MM, UM
 
 from .config import CAMERA
-from .markers import GEODETIC, SIGMA_ENU
-from .motion import CARTESIAN, QUATERNION, SIGMA_ATTITUDE, VELOCITY
+from .markers import CARTESIAN, GEODETIC, SIGMA_ENU
+from .motion import QUATERNION, SIGMA_ATTITUDE, VELOCITY
 from .tables import Array, Epochs
 from .write import csv_text, publish
 
@@ -33,12 +33,14 @@ def write_campaign(
     time_scale: str = "UTC",
     tracker: str = "star_tracker",
     comment: str = "",
+    C_EK_true: Array | None = None,
     detections: Detections | None = None,
 ) -> Path:
     """Write a campaign that :func:`starplumb.io.campaign.load_campaign` reads back, all files or none.
 
     Numbers are written with all their digits and times to the nanosecond; positions are in the frame of their sigmas.
-    ``comment`` heads campaign.toml; ``detections`` are written in place of the sightings.
+    ``comment`` heads campaign.toml; ``C_EK_true`` is noted there as the truth of a simulation, which nothing but the
+    display of results may use; ``detections`` are written in place of the sightings.
     Returns the path of campaign.toml. Raises ValueError for landmark covariances that are not along east, north, up.
     """
     files = {
@@ -56,7 +58,11 @@ def write_campaign(
         files["observations.csv"] = _observations(campaign)
     else:
         files["detections.csv"] = _detections(campaign.images.ids, detections)
-    files["campaign.toml"] = _toml(campaign, time_scale, tracker, comment, detections is None)
+    sections = _sections(campaign, time_scale, tracker, "detections" if detections else "observations")
+    if C_EK_true is not None:
+        sections["truth"] = {"quaternion_xyzw": so3.to_quaternion(C_EK_true)}
+    head = "".join(f"# {line}\n" for line in comment.splitlines())
+    files["campaign.toml"] = head + "\n".join(_section(name, keys) for name, keys in sections.items())
     publish(folder, files)
     return folder / "campaign.toml"
 
@@ -131,9 +137,9 @@ def _times(t_ns: Epochs, scale: str) -> list[str]:
     return format_iso(t_ns, scale, digits=9)
 
 
-def _toml(campaign: Campaign, scale: str, tracker: str, comment: str, labelled: bool) -> str:
+def _sections(campaign: Campaign, scale: str, tracker: str, measured: str) -> dict[str, Mapping[str, object]]:
     attitude = campaign.attitude
-    sections: dict[str, Mapping[str, object]] = {
+    return {
         "campaign": {"name": campaign.name, "time_scale": scale},
         "camera": _camera(campaign),
         "mounting": _mounting(campaign, tracker),
@@ -152,13 +158,9 @@ def _toml(campaign: Campaign, scale: str, tracker: str, comment: str, labelled: 
         | _gap(attitude.gap_s),
         "landmarks": {"file": "landmarks.csv"},
         "images": {"file": "images.csv"},
-        "observations" if labelled else "detections": {
-            "file": "observations.csv" if labelled else "detections.csv"
-        },
+        measured: {"file": f"{measured}.csv"},
         "corrections": vars(campaign.corrections),
     }
-    head = "".join(f"# {line}\n" for line in comment.splitlines())
-    return head + "\n".join(_section(name, keys) for name, keys in sections.items())
 
 
 def _camera(campaign: Campaign) -> dict[str, object]:
