@@ -37,7 +37,10 @@ class Observations:
     =============== ============= ==================================================================================
 
     Shared errors: ``cov_attitude_E`` (..., m, 3, 3) rad^2 about E's axes, ``cov_position_J`` (..., m, 3, 3) m^2,
-    ``cov_landmark_J`` (..., L, 3, 3) m^2.  ``corrections`` are those in ``e_E``.  ``prior_E`` (3, 3) rad^2 is what was known of the model mounting's error
+    ``cov_landmark_J`` (..., L, 3, 3) m^2; ``common_px`` (..., n, 2, p), px, the residual by one sigma of each of p errors
+    that any other set of sightings has in common (a drift, a pass, the optics), None for none.
+
+    ``corrections`` are those in ``e_E``.  ``prior_E`` (3, 3) rad^2 is what was known of the model mounting's error
     ``theta_E``, None for nothing.  ``epoch_s`` (m,) is each image's time after the first one listed, s, None where not known.
     """
 
@@ -62,6 +65,7 @@ class Observations:
     corrections: Corrections
     prior_E: Array | None = None
     epoch_s: Array | None = None
+    common_px: Array | None = None
 
     def __post_init__(self) -> None:
         n = self.image.size
@@ -109,6 +113,19 @@ class Observations:
             axis = -1 - len(tail)
             indices = np.flatnonzero(keep) if np.asarray(keep).dtype == bool else keep
             chosen[name] = np.take(getattr(self, name), indices, axis=axis)
+        if self.common_px is not None:
+            chosen["common_px"] = self.common_px[..., keep, :, :]
+        return replace(self, **chosen)
+
+    def run(self, index: tuple[int, ...]) -> Observations:
+        """One run of a batch: the table at ``index`` into :attr:`batch`, without batch axes."""
+        chosen: dict[str, Any] = {}
+        shared = {name: (3, 3) for name in ("cov_attitude_E", "cov_position_J", "cov_landmark_J")}
+        for name, tail in (_TAILS | shared).items():
+            values = getattr(self, name)
+            batch = values.shape[: values.ndim - 1 - len(tail)]
+            own = index[len(index) - len(batch) :]
+            chosen[name] = values[tuple(i if size > 1 else 0 for i, size in zip(own, batch, strict=True))]
         return replace(self, **chosen)
 
 

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .. import so3
 from ..adjustment import Adjustment, solve
-from ..model import linearise
+from ..model import Linearised, linearise
 from ..observations import Observations
 from ..units import DEG
 from .protocol import AlignmentEstimate, Status
@@ -26,7 +26,8 @@ class Gls:
     """Minimise the residual of the measurement equation weighted by the covariance of ALL its stated errors.
 
     Attitude and position errors are shared by the markers of an image, a marker's place error by its images, pixel
-    noise by nobody (:mod:`starplumb.adjustment`).  Gauss-Newton on the rotation group from the closed form
+    noise by nobody (:mod:`starplumb.adjustment`); any other pattern (``observations.common_px``) is solved for beside the
+    alignment.  Gauss-Newton on the rotation group from the closed form
     (:class:`Wahba`), so the size of the initial error does not matter::
 
         C_EK <- exp(x) C_EK,    x = -(A^T V^-1 A)^-1 A^T V^-1 z,    covariance (A^T V^-1 A)^-1
@@ -79,11 +80,36 @@ class Gls:
 def adjust(observations: Observations, C_EK: Array, C_EK_model: Array) -> Adjustment:
     """The linear step at C_EK, with the prior about the model mounting where there is one."""
     model = linearise(observations, C_EK)
+    prior = _mounting_prior(observations, C_EK, C_EK_model)
+    if observations.common_px is not None:
+        return _beside_common_errors(observations.common_px, observations, model, prior)
+    return solve(observations, model, model.H, *(prior or ()))
+
+
+def _mounting_prior(observations: Observations, C_EK: Array, C_EK_model: Array) -> tuple[Array, Array] | None:
+    """Information and step of the prior about the model mounting.
+
+    ``exp(x) C = exp(c + J^-1 x) C_model`` with ``c = log(C C_model^T)``: the prior says ``c + J^-1 x ~ N(0, prior)``.
+    """
     if observations.prior_E is None:
-        return solve(observations, model, model.H)
-    # exp(x) C = exp(c + J^-1 x) C_model with c = log(C C_model^T): the prior says c + J^-1 x ~ N(0, prior)
+        return None
     c = so3.log(C_EK @ C_EK_model.mT)
-    J = so3.left_jacobian(c)
-    J_inverse = np.linalg.inv(J)
-    information = J_inverse.mT @ np.linalg.inv(observations.prior_E) @ J_inverse
-    return solve(observations, model, model.H, information, -c)  # J c = c
+    J_inverse = np.linalg.inv(so3.left_jacobian(c))
+    return J_inverse.mT @ np.linalg.inv(observations.prior_E) @ J_inverse, -c  # J c = c
+
+
+def _beside_common_errors(
+    common_px: Array, observations: Observations, model: Linearised, prior: tuple[Array, Array] | None
+) -> Adjustment:
+    """The step with the errors that many sightings have in common (unit prior) as unknowns beside the alignment."""
+    batch = np.broadcast_shapes(model.H.shape[:-3], common_px.shape[:-3])
+    p = common_px.shape[-1]
+    A = np.concatenate([np.broadcast_to(a, (*batch, *a.shape[-3:])) for a in (model.H, common_px)], axis=-1)
+    information, step = np.zeros((*batch, 3 + p, 3 + p)), np.zeros((*batch, 3 + p))
+    information[..., 3:, 3:] = np.eye(p)
+    if prior is not None:
+        information[..., :3, :3], step[..., :3] = prior
+    full = solve(observations, model, A, information, step)
+    N = full.information
+    own = N[..., :3, :3] - N[..., :3, 3:] @ np.linalg.solve(N[..., 3:, 3:], N[..., 3:, :3])
+    return replace(full, x=full.x[..., :3], information=own, covariance=full.covariance[..., :3, :3])

@@ -1,0 +1,213 @@
+"""Statistics that merge: moments and quantiles of any number of runs in constant memory, each with its own uncertainty.
+
+Parts are merged in a fixed order by whoever holds them, so a result depends on the draws alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from math import log, log1p
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+Z95 = 1.959963984540054
+"""Two-sided 95 % point of the standard normal."""
+
+RELATIVE_ACCURACY = 5e-4
+"""Half width of a quantile's bucket relative to its value, far below the sampling error of any run made here."""
+_LOG_RATIO = log1p(2.0 * RELATIVE_ACCURACY)
+_SMALLEST = 1e-18
+"""Magnitudes below this are counted as zero."""
+_OFFSET = round(log(_SMALLEST) / _LOG_RATIO) - 1
+
+
+@dataclass(frozen=True)
+class Moments:
+    """Sums of d quantities over n draws from which mean to kurtosis follow.
+
+    ``n`` (); ``mean`` (d,); ``M2``, ``M3``, ``M4`` (d,) sums of powers of the deviation from the mean;
+    ``low``, ``high`` (d,) extremes.  Source of the merging formulas: P. Pebay, Formulas for robust, one-pass parallel
+    computation of covariances and arbitrary-order statistical moments, Sandia report SAND2008-6212 (2008).
+    """
+
+    n: Index
+    mean: Array
+    M2: Array
+    M3: Array
+    M4: Array
+    low: Array
+    high: Array
+
+    @classmethod
+    def of(cls, values: Array) -> Moments:
+        """Of draws (n, d); of none where n is 0."""
+        n, d = values.shape
+        if n == 0:
+            zero = np.zeros(d)
+            return cls(np.array(0), zero, zero, zero, zero, zero + np.inf, zero - np.inf)
+        mean = np.mean(values, axis=0)
+        deviation = values - mean
+        square = deviation * deviation
+        powers = (np.sum(power, axis=0) for power in (square, square * deviation, square * square))
+        return cls(np.array(n), mean, *powers, np.min(values, axis=0), np.max(values, axis=0))
+
+    def merge(self, other: Moments) -> Moments:
+        """Of the draws of both."""
+        a, b = float(self.n), float(other.n)
+        n = a + b
+        if n == 0.0:
+            return self
+        d = other.mean - self.mean
+        M2 = self.M2 + other.M2 + d**2 * a * b / n
+        M3 = self.M3 + other.M3 + d**3 * a * b * (a - b) / n**2 + 3.0 * d * (a * other.M2 - b * self.M2) / n
+        M4 = (
+            self.M4
+            + other.M4
+            + d**4 * a * b * (a * a - a * b + b * b) / n**3
+            + 6.0 * d**2 * (a * a * other.M2 + b * b * self.M2) / n**2
+            + 4.0 * d * (a * other.M3 - b * self.M3) / n
+        )
+        low, high = np.minimum(self.low, other.low), np.maximum(self.high, other.high)
+        return Moments(self.n + other.n, self.mean + d * b / n, M2, M3, M4, low, high)
+
+    @property
+    def variance(self) -> Array:
+        return np.asarray(self.M2 / max(float(self.n) - 1.0, 1.0))
+
+    @property
+    def sigma(self) -> Array:
+        return np.sqrt(self.variance)
+
+    @property
+    def mean_square(self) -> Array:
+        return np.asarray(self.mean**2 + self.M2 / max(float(self.n), 1.0))
+
+    @property
+    def rms(self) -> Array:
+        return np.sqrt(self.mean_square)
+
+    @property
+    def largest(self) -> Array:
+        """Largest magnitude."""
+        return np.maximum(np.abs(self.low), np.abs(self.high))
+
+    @property
+    def kurtosis(self) -> Array:
+        """Fourth moment over the squared variance: 3 for a Gaussian, more for heavier tails; 3 where nothing varies."""
+        spread = self.M2 > 0.0
+        return np.where(spread, float(self.n) * self.M4 / np.where(spread, self.M2, 1.0) ** 2, 3.0)
+
+    @property
+    def mean_error(self) -> Array:
+        """Standard error of the mean."""
+        return np.asarray(self.sigma / np.sqrt(max(float(self.n), 1.0)))
+
+    @property
+    def sigma_error(self) -> Array:
+        """Standard error of sigma for any distribution: ``sigma/2 sqrt((kurtosis - 1) / n)``."""
+        excess = np.maximum(self.kurtosis - 1.0, 0.0)
+        return np.asarray(0.5 * self.sigma * np.sqrt(excess / max(float(self.n), 1.0)))
+
+    @property
+    def rms_error(self) -> Array:
+        """Standard error of the rms: that of the mean square, ``(m4 - m2^2)/n`` about zero, over twice the rms."""
+        n = max(float(self.n), 1.0)
+        m2, m3, m4 = self.M2 / n, self.M3 / n, self.M4 / n
+        fourth = m4 + 4.0 * self.mean * m3 + 6.0 * self.mean**2 * m2 + self.mean**4
+        spread = np.sqrt(np.maximum(fourth - self.mean_square**2, 0.0) / n)
+        return np.divide(0.5 * spread, self.rms, out=np.zeros_like(spread), where=self.rms > 0.0)
+
+
+@dataclass(frozen=True)
+class Sketch:
+    """Distribution of one quantity in buckets whose width is a fixed fraction of their value.
+
+    ``key`` (k,) ascending and ``count`` (k,): bucket ``j > 0`` holds ``ratio^(j-1) < x/smallest <= ratio^j``, bucket ``-j``
+    the same of ``-x``, bucket 0 what is smaller.  Counts are whole, so merging is exact in any order.
+    Source: C. Masson, J. E. Rim, H. K. Lee, DDSketch, Proc. VLDB Endowment 12 (2019).
+    """
+
+    key: Index
+    count: Index
+
+    @classmethod
+    def of(cls, values: Array) -> Sketch:
+        """Of draws (n,)."""
+        magnitude = np.abs(values)
+        small = magnitude < _SMALLEST
+        bucket = np.ceil(np.log(np.where(small, 1.0, magnitude)) / _LOG_RATIO).astype(np.int64) - _OFFSET
+        key, count = np.unique(
+            np.where(small, 0, np.sign(values).astype(np.int64) * bucket), return_counts=True
+        )
+        return cls(key, count)
+
+    def merge(self, other: Sketch) -> Sketch:
+        key, back = np.unique(np.concatenate([self.key, other.key]), return_inverse=True)
+        count = np.zeros(key.size, dtype=np.int64)
+        np.add.at(count, back, np.concatenate([self.count, other.count]))
+        return Sketch(key, count)
+
+    @property
+    def n(self) -> int:
+        return int(np.sum(self.count))
+
+    @property
+    def values(self) -> Array:
+        """Middle of each bucket (k,)."""
+        middle = np.exp(_LOG_RATIO * (np.abs(self.key) + _OFFSET - 0.5))
+        return np.sign(self.key) * middle
+
+    def ranked(self, rank: Array) -> Array:
+        """Values of the draws of these ranks, counted from 0."""
+        place = np.searchsorted(np.cumsum(self.count), np.clip(rank, 0, self.n - 1), side="right")
+        return np.asarray(self.values[place])
+
+    def quantile(self, q: float) -> tuple[float, float, float]:
+        """Quantile q with the ends of its 95 % confidence interval, which assumes no distribution.
+
+        The number of draws below the true quantile is binomial, so the interval's ends are the draws of rank
+        ``n q -+ 1.96 sqrt(n q (1 - q))``; NaN where there is no draw.
+        """
+        n = self.n
+        if n == 0:
+            return (float("nan"),) * 3
+        spread = Z95 * np.sqrt(n * q * (1.0 - q))
+        rank = np.array([np.ceil(n * q) - 1.0, np.floor(n * q - spread), np.ceil(n * q + spread)])
+        value, low, high = self.ranked(rank)
+        return float(value), float(low), float(high)
+
+    def histogram(self, edges: Array) -> Index:
+        """Draws between ascending edges (k + 1,)."""
+        counts, _ = np.histogram(self.values, edges, weights=self.count)
+        return counts.astype(np.int64)
+
+
+def empty_sketch() -> Sketch:
+    return Sketch(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64))
+
+
+def pack(prefix: str, part: Moments | Sketch) -> dict[str, NDArray[np.float64] | Index]:
+    """Fields by name, to be stored as arrays."""
+    return {f"{prefix}.{field.name}": getattr(part, field.name) for field in fields(part)}
+
+
+def chi2_band(degrees_of_freedom: float, level: float = 0.95) -> tuple[float, float]:
+    """Limits within which chi-square over its degrees of freedom falls with probability ``level``."""
+    from scipy.special import chdtri
+
+    tail = 0.5 * (1.0 - level)
+    low, high = chdtri(degrees_of_freedom, 1.0 - tail), chdtri(degrees_of_freedom, tail)
+    return float(low / degrees_of_freedom), float(high / degrees_of_freedom)
+
+
+def trials_for(precision: float, t: float = 3.0, kurtosis: float = 3.0) -> int:
+    """Draws that give a sigma to a relative ``precision`` at ``t`` standard errors.
+
+    ``n >= t^2 (kurtosis - 1) / (4 eps^2)``, which for a Gaussian (kurtosis 3) is the rule ``n >= t^2 / (2 eps^2)``;
+    t = 3, eps = 0.01: 45000.
+    """
+    return int(np.ceil(t * t * (kurtosis - 1.0) / (4.0 * precision**2) * (1.0 - 1e-12)))
