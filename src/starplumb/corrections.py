@@ -64,7 +64,7 @@ def emission_place(p_J: Array, r_J: Array) -> Array:
     angle = OMEGA_EARTH * np.linalg.norm(p_J - r_J, axis=-1) / C_LIGHT
     x, y = p_J[..., 0], p_J[..., 1]
     # the angle is 2e-7 rad: cos = 1 - 2e-14, so the chord is exact to 1e-7 m
-    return np.stack([x + angle * y, y - angle * x, np.broadcast_to(p_J[..., 2], x.shape)], axis=-1)
+    return np.stack([x + angle * y, y - angle * x, np.broadcast_to(p_J[..., 2], angle.shape)], axis=-1)
 
 
 def inertial_velocity(r_J: ArrayLike, v_J: ArrayLike) -> Array:
