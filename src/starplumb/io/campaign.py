@@ -79,8 +79,9 @@ def load_campaign(path: Path, *, with_detections: bool = False) -> LoadedCampaig
     notices: list[str] = []
     orientation = _orientation(config, files)
     campaign, detections = _assemble(config, files, orientation, notices, path)
-    names = {"campaign.toml": path} | {str(_named(config)[key]): place for key, place in files.items()}
-    inputs = {name: fingerprint(place) for name, place in names.items()}
+    inputs = {"campaign.toml": fingerprint(path)}
+    for key, name in _named(config).items():
+        inputs |= _fingerprints(name, files[key])
     return LoadedCampaign(campaign, config, inputs, tuple(notices), orientation, detections)
 
 
@@ -137,6 +138,13 @@ def _locate(config: CampaignConfig, path: Path) -> dict[str, Path]:
     if problems:
         raise refuse(path, problems)
     return files
+
+
+def _fingerprints(name: str, place: Path) -> dict[str, str]:
+    """Digest of a file, and of those that belong to it: a shapefile keeps its attributes in a second one."""
+    parts = {Path(name).with_suffix(end).as_posix(): place.with_suffix(end) for end in (".dbf", ".prj")}
+    beside = {key: part for key, part in parts.items() if place.suffix.lower() == ".shp" and part.is_file()}
+    return {key: fingerprint(part) for key, part in ({name: place} | beside).items()}
 
 
 def _orientation(config: CampaignConfig, files: dict[str, Path]) -> EarthOrientation | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import struct
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,12 @@ from .files import show
 from .markers import GEODETIC, SIGMA_ENU
 from .tables import Array, Table
 
-WGS84 = ("EPSG:4326", "EPSG:4979", "OGC:CRS84", "OGC:CRS84H")
+_WGS84 = re.compile(
+    r'EPSG:(4326|4979)|OGC:CRS84h?|GEOG(CRS|CS)\["(GCS_)?WGS[ _](19)?84.*', re.DOTALL | re.IGNORECASE
+)
+_NAMES = ("landmark_id", "height_m", "sigma_m", *SIGMA_ENU)
+_DBASE_LETTERS = 10
+"""A shapefile cuts the names of its attributes to so many letters."""
 _POINT, _Z_ISO, _Z_FLAG = 1, 1000, 0x80000000
 
 
@@ -42,11 +48,13 @@ def read_points(path: Path) -> Table:
         raise InputError(
             f"{path}: found what is no vector file ({reason}), wanted GeoPackage, GeoJSON or Shapefile"
         ) from None
-    if meta["crs"] not in WGS84:
+    if not _WGS84.fullmatch(str(meta["crs"])):
         raise InputError(
             f"{path}: found the reference system {show(meta['crs'])}, wanted EPSG:4326 or EPSG:4979 (WGS 84)"
         )
-    return _table(path, geometry, dict(zip(map(str, meta["fields"]), attributes, strict=True)))
+    cut = {name[:_DBASE_LETTERS]: name for name in _NAMES} if path.suffix.lower() == ".shp" else {}
+    names = [cut.get(str(name), str(name)) for name in meta["fields"]]
+    return _table(path, geometry, dict(zip(names, attributes, strict=True)))
 
 
 def _table(path: Path, geometry: Any, attributes: dict[str, Any]) -> Table:

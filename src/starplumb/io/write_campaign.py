@@ -38,10 +38,11 @@ def write_campaign(
 ) -> Path:
     """Write a campaign that :func:`starplumb.io.campaign.load_campaign` reads back, all files or none.
 
-    Numbers are written with all their digits and times to the nanosecond; positions are in the frame of their sigmas.
-    ``comment`` heads campaign.toml; ``C_EK_true`` is noted there as the truth of a simulation, which nothing but the
-    display of results may use; ``detections`` are written in place of the sightings.
-    Returns the path of campaign.toml. Raises ValueError for landmark covariances that are not along east, north, up.
+    Numbers are written with all their digits (landmark sigmas: 12) and times to the nanosecond; positions are
+    in the frame of their sigmas. ``comment`` heads campaign.toml; ``C_EK_true`` is noted there as the truth
+    of a simulation, which nothing but the display of results may use; ``detections`` are written in place of
+    the sightings. Returns the path of campaign.toml. Raises ValueError for landmark covariances that are not
+    along east, north, up.
     """
     files = {
         "ephemeris.csv": _ephemeris(campaign, time_scale),
@@ -99,10 +100,9 @@ def _landmarks(landmarks: Landmarks) -> str:
     left_out = covariance_T - variance[:, None, :] * np.eye(3)
     if np.any(np.abs(left_out) > _ALONG_AXES * np.max(variance, axis=-1)[:, None, None]):
         raise ValueError("a landmark's covariance is not along east, north and up")
-    sigma = np.sqrt(variance)
-    # turning J into T and back costs a few last digits, which would hide that the three are equal
-    one = np.all(np.abs(np.ptp(sigma, axis=-1)) <= 1e-9 * sigma[:, 0])
-    names, sigmas = (("sigma_m",), sigma[:, :1]) if one else (SIGMA_ENU, sigma)
+    # turning J into T and back costs a few last digits
+    sigma = np.array([[float(f"{x:.12g}") for x in row] for row in np.sqrt(variance).tolist()])
+    names, sigmas = (SIGMA_ENU, sigma) if np.ptp(sigma, axis=-1).any() else (("sigma_m",), sigma[:, :1])
     place = (latitude / DEG, longitude / DEG, height)
     return csv_text(("landmark_id", *GEODETIC, *names), (landmarks.ids, *place, *sigmas.T))
 

@@ -1,0 +1,188 @@
+"""CSV tables in, results out: what is accepted, where a fault is placed, and that no file is ever half written."""
+
+from __future__ import annotations
+
+import gc
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from starplumb.errors import InputError
+from starplumb.io.files import fingerprint, nearest, read_text, show
+from starplumb.io.tables import read_table
+from starplumb.io.write import csv_text, json_text, publish, write_text
+
+PLAIN = "id,x,y\na,1.5,-2\nb,+3e2,.5\n"
+
+
+def table(folder: Path, content: str | bytes) -> Path:
+    path = folder / "t.csv"
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    return path
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        PLAIN,
+        "\ufeff" + PLAIN,
+        PLAIN.replace("\n", "\r\n"),
+        PLAIN.replace("\n", "\r"),
+        PLAIN.rstrip("\n"),
+        PLAIN + "\n\n  \n",
+        "# made by hand\n\n# twice\n" + PLAIN,
+        " id , x, y \n a , 1.5 ,-2\nb,  +3e2, .5 \n",
+        'id,"x",y\n"a",1.5,-2\nb,"+3e2",.5\n',
+        PLAIN.replace("\nb", "\n\nb"),
+    ],
+    ids=[
+        "plain",
+        "bom",
+        "crlf",
+        "cr",
+        "no-last-end",
+        "blank-end",
+        "comments",
+        "blanks",
+        "quotes",
+        "blank-inside",
+    ],
+)
+def test_accepted_forms_read_alike(tmp_path: Path, content: str) -> None:
+    read = read_table(table(tmp_path, content), texts=["id"], numbers=["x", "y"])
+    assert read.texts["id"] == ["a", "b"]
+    np.testing.assert_array_equal(read.columns("x", "y"), [[1.5, -2.0], [300.0, 0.5]])
+    assert read.notices == []
+
+
+def test_columns_may_stand_in_any_order_and_extra_ones_are_told_once(tmp_path: Path) -> None:
+    read = read_table(table(tmp_path, "note,y,id,x,\nfine,2,a,1,\n"), texts=["id"], numbers=["x", "y"])
+    np.testing.assert_array_equal(read.columns("x", "y"), [[1.0, 2.0]])
+    assert [notice.split(": ")[1] for notice in read.notices] == ["ignored the columns note, (unnamed)"]
+
+
+def test_lines_are_those_of_the_file(tmp_path: Path) -> None:
+    content = '# one\n# two\nid,x\na,1\n\nb,2\n"c\nd",3\ne,4\n'
+    read = read_table(table(tmp_path, content), texts=["id"], numbers=["x"])
+    assert read.line.tolist() == [4, 6, 8, 9]
+
+
+@pytest.mark.parametrize("row", [0, 1023, 1024, 5000, 99_999])
+@pytest.mark.parametrize(
+    ("bad", "found"),
+    [("7,x", '"x"'), ("7,", "an empty cell"), ("7", "found 1 cell"), ("7,8,9", "found 3 cells")],
+)
+def test_fault_is_placed_in_a_long_table(tmp_path: Path, row: int, bad: str, found: str) -> None:
+    lines = ["7,8.25"] * 100_000
+    lines[row] = bad
+    with pytest.raises(InputError, match=f"t.csv, row {row + 2}[,:]") as caught:
+        read_table(table(tmp_path, "id,x\n" + "\n".join(lines)), texts=["id"], numbers=["x"])
+    assert found in str(caught.value)
+
+
+def test_long_table_agrees_with_python_floats_bit_for_bit(tmp_path: Path, rng: np.random.Generator) -> None:
+    x = rng.normal(size=30_000) * 10.0 ** rng.integers(-300, 300, 30_000)
+    read = read_table(table(tmp_path, csv_text(["x"], [x])), numbers=["x"])
+    np.testing.assert_array_equal(read.numbers["x"], x)
+    assert gc.isenabled()
+
+
+def test_collector_runs_again_after_a_fault(tmp_path: Path) -> None:
+    with pytest.raises(InputError):
+        read_table(table(tmp_path, "x\nfault\n"), numbers=["x"])
+    assert gc.isenabled()
+
+
+def test_half_a_group_of_columns_is_refused(tmp_path: Path) -> None:
+    read = read_table(table(tmp_path, "x,y\n1,2\n"), optional_numbers=["x", "y", "z"])
+    assert read.has("x", "y")
+    assert not read.has("z")
+    with pytest.raises(InputError, match="the column x without z"):
+        read.has("x", "z")
+
+
+def test_file_without_permission(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = table(tmp_path, PLAIN)
+
+    def refuse(*_: object, **__: object) -> None:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(Path, "open", refuse)
+    with pytest.raises(InputError, match=r"t\.csv: found a file that may not be read"):
+        read_text(path)
+
+
+@pytest.mark.parametrize("name", ["a\0b.csv", "x" * 300 + ".csv", "t.csv/inside.csv"])
+def test_impossible_names(tmp_path: Path, name: str) -> None:
+    table(tmp_path, PLAIN)
+    with pytest.raises(InputError, match="wanted a readable file"):
+        read_text(tmp_path / name)
+
+
+def test_show_is_one_short_line() -> None:
+    assert show("a\n\tb\x1b[31m") == r'"a\n\tb\x1b[31m"'
+    assert show(True) == "true"
+    assert show([1, "b", [2.5]]) == '[1, "b", [2.5]]'
+    assert len(show("y" * 500)) <= 62
+    assert len(show(list(range(1000)))) <= 60
+
+
+def test_nearest_ignores_case() -> None:
+    assert nearest("Latitude", ["longitude_deg", "latitude_deg"]) == "latitude_deg"
+    assert nearest("zzz", ["latitude_deg"]) is None
+
+
+def test_fingerprint_is_sha256(tmp_path: Path) -> None:
+    # the published digest of the three bytes "abc" (FIPS 180-4, appendix)
+    digest = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"
+    assert fingerprint(table(tmp_path, "abc")) == f"sha256:{digest}"
+
+
+def test_publish_replaces_whole_files(tmp_path: Path) -> None:
+    publish(tmp_path / "new" / "folder", {"a": "one\n", "b": "two\n"})
+    publish(tmp_path / "new" / "folder", {"a": "three\n"})
+    assert {p.name: p.read_bytes() for p in (tmp_path / "new" / "folder").iterdir()} == {
+        "a": b"three\n",
+        "b": b"two\n",
+    }
+
+
+def test_publish_is_all_or_nothing(tmp_path: Path) -> None:
+    write_text(tmp_path / "a", "old\n")
+    (tmp_path / "b").mkdir()
+    with pytest.raises(InputError, match="found no way to write there") as caught:
+        publish(tmp_path, {"a": "new\n", "b": "new\n"})
+    assert str(caught.value).isprintable()
+    assert (tmp_path / "a").read_text() == "old\n"
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["a", "b"]
+
+
+def test_publish_where_a_file_stands(tmp_path: Path) -> None:
+    write_text(tmp_path / "a", "old\n")
+    with pytest.raises(InputError, match="wanted a folder that can be written"):
+        publish(tmp_path / "a", {"b": "new\n"})
+
+
+def test_nothing_is_left_when_a_text_cannot_be_stored(tmp_path: Path) -> None:
+    with pytest.raises(UnicodeEncodeError):
+        publish(tmp_path, {"a": "fine", "b": "\ud800"})
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_csv_text_reads_back(tmp_path: Path) -> None:
+    names, values = ["a,b", 'say "c"', "d\ne"], [0.1, 1e-300, np.float64(1.0) / 3.0]
+    read = read_table(
+        table(tmp_path, csv_text(["name", "value"], [names, values])), texts=["name"], numbers=["value"]
+    )
+    assert read.texts["name"] == names
+    assert read.numbers["value"].tolist() == values
+    with pytest.raises(ValueError, match="shorter"):
+        csv_text(["a", "b"], [[1.0], []])
+
+
+def test_json_text_has_no_nan() -> None:
+    assert json.loads(json_text({"a": [1.5, None], "name": "Zürich"})) == {"a": [1.5, None], "name": "Zürich"}
+    with pytest.raises(ValueError, match="JSON"):
+        json_text({"a": float("nan")})
