@@ -33,7 +33,7 @@ class Rejection:
 class Calibration:
     """One calibrated campaign.
 
-    ``observations`` holds all sightings; ``residuals.used`` those in the solution.  ``status`` and ``message`` join the
+    ``observations`` holds all sightings; ``residuals.used`` those in the solution.  ``status`` and ``sentences`` join the
     estimator's own with what the consistency checks found.  ``correction_E`` (3,) rad is d of ``C_EK = exp(d) C_EK_model``.
     """
 
@@ -42,8 +42,13 @@ class Calibration:
     estimate: AlignmentEstimate
     residuals: Residuals
     status: Status
-    message: str
+    sentences: tuple[str, ...]
     rejected: tuple[Rejection, ...] = field(default=())
+
+    @property
+    def message(self) -> str:
+        """What the status means for this estimate, in one line; empty where nothing need be said."""
+        return "; ".join(self.sentences)
 
     @property
     def correction_E(self) -> Array:
@@ -76,22 +81,22 @@ def calibrate(campaign: Campaign, estimator: Estimator) -> Calibration:
         )
     control = observations.select(used)
     estimate = estimator(control, campaign.C_EK)
-    status, message = _judge(control, campaign.C_EK, estimate)
+    status, sentences = _judge(control, campaign.C_EK, estimate)
     return Calibration(
         campaign=campaign,
         observations=observations,
         estimate=estimate,
         residuals=residuals(campaign, observations, used, estimate.C_EK),
         status=status,
-        message=message,
+        sentences=sentences,
     )
 
 
-def _judge(control: Observations, C_EK_model: Array, estimate: AlignmentEstimate) -> tuple[Status, str]:
-    """Status and message of an estimate once the consistency checks have spoken."""
+def _judge(control: Observations, C_EK_model: Array, estimate: AlignmentEstimate) -> tuple[Status, tuple[str, ...]]:
+    """Status and sentences of an estimate once the consistency checks have spoken."""
     own = Status(int(estimate.status))
     if not own.usable:
-        return own, own.text
+        return own, (own.text,)
     found = findings(control, C_EK_model, estimate)
     weak = own is Status.WEAK or any(finding.weakens for finding in found)
-    return Status.WEAK if weak else Status.OK, "; ".join(finding.sentence for finding in found)
+    return Status.WEAK if weak else Status.OK, tuple(finding.sentence for finding in found)

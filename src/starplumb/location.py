@@ -19,13 +19,18 @@ Index = NDArray[np.int64]
 @dataclass(frozen=True)
 class Location:
     """Ground points of n pixels: ``p_J`` (n, 3) m, geodetic ``latitude``, ``longitude`` (n,) rad and ``height`` (n,) m,
-    and the covariance of their error along east, north, up (n, 3, 3) m^2."""
+    and the covariance of their error along east, north, up (n, 3, 3) m^2, with its square roots ``sigma_T`` (n, 3) m."""
 
     p_J: Array
     latitude: Array
     longitude: Array
     height: Array
     covariance_T: Array
+
+    @property
+    def sigma_T(self) -> Array:
+        # a point slides on its level surface: up to rounding nothing is left of the variance upwards
+        return np.asarray(np.sqrt(np.maximum(np.diagonal(self.covariance_T, axis1=-2, axis2=-1), 0.0)))
 
 
 def ground(

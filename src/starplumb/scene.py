@@ -13,7 +13,7 @@ from .campaign import Campaign, Images, Landmarks, Sightings
 from .corrections import Corrections, inertial_velocity
 from .earth import C_JT, OMEGA_EARTH, geodetic_to_itrf, itrf_to_geodetic
 from .geometry import locate, project
-from .orbit import C_RO, KeplerOrbit, pointing
+from .orbit import C_RO, Orbit, pointing
 from .series import Attitude, Ephemeris, Orientation
 from .simulate import Errors
 
@@ -38,11 +38,11 @@ class Sigmas:
 
 def epochs_ns(epoch_ns: int, time_s: ArrayLike) -> Epochs:
     """Epochs ``time_s`` after a reference."""
-    return np.asarray(epoch_ns + np.rint(1e9 * np.asarray(time_s, dtype=np.float64)), dtype=np.int64)
+    return epoch_ns + np.rint(1e9 * np.asarray(time_s, dtype=np.float64)).astype(np.int64)
 
 
 def fly(
-    orbit: KeplerOrbit, orientation: Orientation, epoch_ns: int, time_s: ArrayLike
+    orbit: Orbit, orientation: Orientation, epoch_ns: int, time_s: ArrayLike
 ) -> tuple[Array, Array]:
     """Earth-fixed r_J and v_J (relative to the turning Earth) along an inertial orbit, (..., 3) each."""
     r_I, v_I = orbit.at(time_s)
@@ -71,7 +71,7 @@ class Pass:
 
 
 def held_attitude(
-    orbit: KeplerOrbit, orientation: Orientation, epoch_ns: int, flight: Pass, sample_s: Array, C_EK: Array
+    orbit: Orbit, orientation: Orientation, epoch_ns: int, flight: Pass, sample_s: Array, C_EK: Array
 ) -> Array:
     """True C_EI (m, s, 3, 3) of images that keep their orientation in the orbital frame while they are taken."""
     r_I, v_I = orbit.at(flight.time_s)
@@ -90,7 +90,7 @@ def _scene_velocity(r_I: Array, v_I: Array, aim_I: Array) -> Array:
 
 def photograph(
     camera: Camera,
-    orbit: KeplerOrbit,
+    orbit: Orbit,
     orientation: Orientation,
     epoch_ns: int,
     flight: Pass,

@@ -145,6 +145,6 @@ def _sentences(done: Calibration, out: Path) -> list[str]:
             lines.append(
                 f"geolocation of {after.n} {name}: {was} rms before, {after.rmse:.3g} m after (CE90 {after.ce90:.3g} m)"
             )
-    lines += [f"note: {sentence}" for sentence in done.message.split("; ") if sentence]
+    lines += [f"note: {sentence}" for sentence in done.sentences]
     lines.append(f"written: {out}")
     return lines

@@ -74,12 +74,9 @@ def _model(loaded: LoadedCampaign) -> tuple[Array, Array, str]:
 
 
 def _document(where: Location, image: str, pixel: tuple[float, float], known: str) -> dict[str, Any]:
-    import numpy as np
-
     from ..io.result import numbers
     from ..units import DEG
 
-    covariance = where.covariance_T[0]
     return {
         "image_id": image,
         "column_px": pixel[0],
@@ -89,8 +86,8 @@ def _document(where: Location, image: str, pixel: tuple[float, float], known: st
         "longitude_deg": float(where.longitude[0] / DEG),
         "height_m": float(where.height[0]),
         "itrf_m": numbers(where.p_J[0]),
-        "covariance_east_north_up_m2": numbers(covariance),
-        "sigma_east_north_up_m": numbers(np.sqrt(np.diagonal(covariance))),
+        "covariance_east_north_up_m2": numbers(where.covariance_T[0]),
+        "sigma_east_north_up_m": numbers(where.sigma_T[0]),
     }
 
 
