@@ -101,7 +101,8 @@ def _landmarks(landmarks: Landmarks) -> str:
     if np.any(np.abs(left_out) > _ALONG_AXES * np.max(variance, axis=-1)[:, None, None]):
         raise ValueError("a landmark's covariance is not along east, north and up")
     # turning J into T and back costs a few last digits
-    sigma = np.array([[float(f"{x:.12g}") for x in row] for row in np.sqrt(variance).tolist()])
+    rounded = [[float(f"{x:.12g}") for x in row] for row in np.sqrt(variance).tolist()]
+    sigma = np.array(rounded).reshape(variance.shape)  # which an empty list has lost
     names, sigmas = (SIGMA_ENU, sigma) if np.ptp(sigma, axis=-1).any() else (("sigma_m",), sigma[:, :1])
     place = (latitude / DEG, longitude / DEG, height)
     return csv_text(("landmark_id", *GEODETIC, *names), (landmarks.ids, *place, *sigmas.T))
