@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from math import isfinite
 
 import numpy as np
@@ -51,12 +52,12 @@ class ObserverEstimate(AlignmentEstimate):
         """beta (..., cycles - 1, 3) rad between cycles: ``C_EK(L - 1) = exp(beta) C_EK(L)`` (table 4 of the paper)."""
         cycles = len(self.trace_xyzw) - 1
         C = [self.C_EK_after(cycle) for cycle in range(1, cycles + 1)]
-        changes = [so3.log(before @ after.mT) for before, after in zip(C[:-1], C[1:], strict=True)]
+        changes = [so3.log(before @ after.mT) for before, after in pairwise(C)]
         return np.stack(changes, axis=-2) if changes else np.zeros((*self.C_EK.shape[:-2], 0, 3))
 
     @property
     def cycles_needed(self) -> NDArray[np.int64]:
-        """Cycle (...) after which no cycle moved the estimate by more than ``settle``; 0 where the last one still did."""
+        """Cycle (...) after which none moved the estimate by more than ``settle``; 0 where the last one still did."""
         moving = ~(np.linalg.norm(self.change_E, axis=-1) < self.settle)
         cycles = len(self.trace_xyzw) - 1
         if cycles < 2:
@@ -73,18 +74,19 @@ class Observer:
     """Formulas (3), (4) of Tkachenko 2019, cycled over the same sightings.
 
     Every sighting is a vector equation (2) in J, ``e_J* - e_J = G theta_E`` with ``e_J* = C_JE C_EK e_K`` and
-    ``G = -C_JE [e_E*]``.  Its scalar rows g, with left side z less what the rows before have corrected, are taken in turn::
+    ``G = -C_JE [e_E*]``.  Its scalar rows g are taken in turn, each left side z less what those before have corrected::
 
         K = P g / (alpha + g^T P g),   theta_E <- theta_E + K z
         gamma_i^2 = max(floor, w_i z^2 / (beta + g^T P g)),   P <- Gamma (P - K g^T P) Gamma
 
-    and after each vector equation the mounting is turned back exactly, ``C_EK <- exp(-theta_E) C_EK``, before the next is
-    formed.  One cycle takes the images in their order in time and the sightings of an image in theirs; P is carried on.
+    and after each vector equation the mounting is turned back exactly, ``C_EK <- exp(-theta_E) C_EK``, before the
+    next is formed.  One cycle takes the images in the order of their numbers and the sightings of an image in theirs;
+    P is carried on from cycle to cycle.
 
     Frames and signs are ours throughout: theta_E is the paper's, and only unit vectors to the markers enter, so the
-    paper's camera looking along -z needs no conversion.  P is no covariance of anything: it is inflated by whatever the
-    innovation happens to be.  The estimate states none, unless ``covariance_draws`` redraws of the stated errors are run
-    through the observer from the same initial error; their second moment about the estimate is then its covariance.
+    paper's camera looking along -z needs no conversion.  P is no covariance of anything: it is inflated by whatever
+    the innovation happens to be.  The estimate states none, unless ``covariance_draws`` redraws of the stated errors
+    are run through the observer from the same initial error; their second moment about the estimate is its covariance.
 
     The defaults were fitted to tables 1 to 4 of the paper, which prints none of its parameters
     (``published/paper2019.toml``).  Source: A. I. Tkachenko, Problemy upravleniya i informatiki 2019.
@@ -103,10 +105,11 @@ class Observer:
     """Least gamma^2.  At 1 P is never shrunk by a small innovation; the paper prints no floor (0), and then the angle
     about the line of sight freezes."""
     order: tuple[int, int, int] = (1, 2, 0)
-    """Order of J's axes in a vector equation.  The paper's J has its second axis along the pole: 90 deg E, north, 0 deg E."""
+    """Order of J's axes in a vector equation.  The paper's J has its second axis along the pole: 90 deg E, north,
+    0 deg E."""
     factorised: bool = True
-    """Carry P as U D U^T; otherwise as its upper triangle.  Both stay symmetric; the full matrix in plain form does not,
-    and diverges in 2 % of runs by 20 cycles."""
+    """Carry P as U D U^T; otherwise as its upper triangle.  Both stay symmetric; the full matrix in plain form does
+    not, and diverges in 2 % of runs by 20 cycles."""
     compiled: bool = False
     """Run the same formulas compiled by numba (the extra ``fast``): worth its start from some 10^5 runs on."""
     settle: float = 5.0 * ARCSEC
@@ -167,7 +170,7 @@ class Observer:
         return rows, batch
 
     def _sequence(self, o: Observations) -> NDArray[np.int64]:
-        """Sightings image by image; images are numbered in their order in time."""
+        """Sightings image by image."""
         return np.argsort(o.image, kind="stable")
 
     def _status(self, rows: Array, trace: Array) -> NDArray[np.int64]:

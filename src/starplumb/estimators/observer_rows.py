@@ -1,14 +1,14 @@
 """The fuzzy observer on component rows: formulas written once, for NumPy and for compiled code.
 
-A vector is a tuple of its components, a component is a row over the trials (NumPy) or one trial's number (compiled), and
-the same source serves both: ``l`` is ``slice(None)`` in one and an index in the other.  Rows keep the trials contiguous,
-so that NumPy streams through them and the compiler vectorises across them.
+A vector is a tuple of its components; a component is a row over the trials (NumPy) or one trial's number (compiled).
+The same source serves both: ``at`` is ``slice(None)`` in one and an index in the other.  Rows keep the trials
+contiguous, so that NumPy streams through them and the compiler vectorises across them.
 
 A work buffer ``W`` (rows, width) holds a block of trials: the quaternion of C_EK (4), the state of P (6), and for each
 sighting e_K (3), e_E (3), the axes of J in E in the order of the equations (9) and the floor of gamma^2 (1).
 
-Rounding differs between back ends and gamma^2 ~ z^2 amplifies it (one unit in the last place of the input moves the
-20th cycle by 2e-10 arcsec in the median and by arcseconds in one trial of 10^5), so back ends agree in statistics, not bits.
+Rounding differs between back ends and gamma^2 ~ z^2 amplifies it: one unit in the last place of the input moves the
+20th cycle by 2e-10 arcsec in the median and by arcseconds in one trial of 10^5.  Back ends agree in statistics.
 """
 
 from __future__ import annotations
@@ -143,29 +143,29 @@ update = update_factorised
 """The form of (3) that ``vector_equation`` calls; compiled and plain copies of this module's code have their own."""
 
 
-def vector_equation(W: Array, l: Any, base: int, parameters: Parameters) -> None:
-    """One equation (2), ``e_J* - e_J = G theta_E`` with ``G = -C_JE [e_E*]``, row by row of J, then the exact correction.
+def vector_equation(W: Array, at: Any, base: int, parameters: Parameters) -> None:
+    """One equation (2), ``e_J* - e_J = G theta_E`` with ``G = -C_JE [e_E*]``, row by row of J, then the exact turn.
 
-    With c_j the j-th axis of J in E the row is ``g = e_E* x c_j`` and its left side ``c_j . (e_E* - e_E)``, less what the
-    rows before have corrected already.  A marker not seen has e_K = e_E = 0, so g = 0 and z = 0: nothing happens.
+    With c_j the j-th axis of J in E the row is ``g = e_E* x c_j`` and its left side ``c_j . (e_E* - e_E)``, less what
+    the rows before have corrected already.  A marker not seen has e_K = e_E = 0: g = 0 and z = 0, nothing happens.
     """
-    q = (W[0, l], W[1, l], W[2, l], W[3, l])
-    P = (W[4, l], W[5, l], W[6, l], W[7, l], W[8, l], W[9, l])
-    e = rotate(q, (W[base, l], W[base + 1, l], W[base + 2, l]))
-    d = (e[0] - W[base + 3, l], e[1] - W[base + 4, l], e[2] - W[base + 5, l])
-    floor = W[base + 15, l]
-    c = (W[base + 6, l], W[base + 7, l], W[base + 8, l])
+    q = (W[0, at], W[1, at], W[2, at], W[3, at])
+    P = (W[4, at], W[5, at], W[6, at], W[7, at], W[8, at], W[9, at])
+    e = rotate(q, (W[base, at], W[base + 1, at], W[base + 2, at]))
+    d = (e[0] - W[base + 3, at], e[1] - W[base + 4, at], e[2] - W[base + 5, at])
+    floor = W[base + 15, at]
+    c = (W[base + 6, at], W[base + 7, at], W[base + 8, at])
     P, theta = update(P, cross(e, c), dot(c, d), floor, parameters)
-    c = (W[base + 9, l], W[base + 10, l], W[base + 11, l])
+    c = (W[base + 9, at], W[base + 10, at], W[base + 11, at])
     g = cross(e, c)
     P, step = update(P, g, dot(c, d) - dot(g, theta), floor, parameters)
     theta = (theta[0] + step[0], theta[1] + step[1], theta[2] + step[2])
-    c = (W[base + 12, l], W[base + 13, l], W[base + 14, l])
+    c = (W[base + 12, at], W[base + 13, at], W[base + 14, at])
     g = cross(e, c)
     P, step = update(P, g, dot(c, d) - dot(g, theta), floor, parameters)
     q = multiply(turn((-theta[0] - step[0], -theta[1] - step[1], -theta[2] - step[2])), q)
-    W[0, l], W[1, l], W[2, l], W[3, l] = q
-    W[4, l], W[5, l], W[6, l], W[7, l], W[8, l], W[9, l] = P
+    W[0, at], W[1, at], W[2, at], W[3, at] = q
+    W[4, at], W[5, at], W[6, at], W[7, at], W[8, at], W[9, at] = P
 
 
 def block_width(trials: int) -> int:
@@ -179,8 +179,8 @@ def block_lanes() -> Iterable[Any]:
 def run_blocks(rows: Array, cycles: int, parameters: Parameters, trace: Array) -> None:
     """Run all trials, a block at a time.
 
-    ``rows`` (10 + 16 n, trials) initial work rows; ``trace`` (1 + cycles, 4, trials) receives the quaternion of C_EK after
-    the very first equation and after each cycle.
+    ``rows`` (10 + 16 n, trials) initial work rows; ``trace`` (1 + cycles, 4, trials) receives the quaternion of C_EK
+    after the very first equation and after each cycle.
     """
     trials = rows.shape[1]
     width = block_width(trials)
@@ -190,8 +190,8 @@ def run_blocks(rows: Array, cycles: int, parameters: Parameters, trace: Array) -
         W[:, :count] = rows[:, start : start + count]
         for cycle in range(cycles):
             for base in range(STATE_ROWS, rows.shape[0], SIGHTING_ROWS):
-                for l in block_lanes():
-                    vector_equation(W, l, base, parameters)
+                for at in block_lanes():
+                    vector_equation(W, at, base, parameters)
                 if cycle == 0 and base == STATE_ROWS:
                     trace[0, :, start : start + count] = W[:4, :count]
             trace[1 + cycle, :, start : start + count] = W[:4, :count]

@@ -1,0 +1,168 @@
+"""The scene of Tkachenko 2019: two markers on the ground under a descending pass, and runs drawn from it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .. import so3
+from ..corrections import Corrections
+from ..earth import OMEGA_EARTH, WGS84_F, geodetic_to_itrf
+from ..estimators.observer_rows import SIGHTING_ROWS, STATE_ROWS
+from ..observations import Observations
+from ..orbit import KeplerOrbit, pointing
+from ..scene import site_grid
+from ..units import ARCMIN, ARCSEC, DEG, MM, UM
+from .tkachenko_rows import IMAGE_DRAWS, MARKER_DRAWS, RUN_DRAWS, simulate
+
+Array = NDArray[np.float64]
+
+C_EK_MODEL = np.diag([1.0, -1.0, -1.0])
+"""The model of the paper has E and K coincide; its camera looks along -z; ours looks along +z with y turned over."""
+
+
+def trackers(cone: float, sigma: ArrayLike) -> Array:
+    """Covariance (3, 3) about E of the plain mean of three trackers with errors ``sigma`` (3,) about their own axes.
+
+    Their boresights (z) lie on a cone about -z_K, 120 deg apart: ``1/9 sum C diag(sigma^2) C^T``.
+    """
+    about_axis = so3.exp(np.arange(3.0)[:, None] * 120.0 * DEG * np.eye(3)[2])
+    C_ET = about_axis @ so3.exp(np.array([cone, 0.0, 0.0]))
+    covariance = C_ET @ np.diag(np.asarray(sigma) ** 2) @ C_ET.mT
+    return np.asarray(np.sum(covariance, axis=0) / 9.0)
+
+
+@dataclass(frozen=True)
+class Scene:
+    """True geometry and the sigmas of everything drawn.
+
+    ``images`` (m, 8): r_J, quaternion of C_KJ, range; ``p_J`` (n, 3); ``tracker_covariance`` (3, 3) rad^2;
+    ``sigma`` (5): initial error rad, relative focal length, aim m, GPS m, marker in tangents; ``pixel`` rad.
+    """
+
+    images: Array
+    p_J: Array
+    tracker_covariance: Array
+    sigma: Array
+    pixel: float
+
+    @property
+    def draws(self) -> int:
+        """Normal numbers that a run needs."""
+        return RUN_DRAWS + len(self.images) * (IMAGE_DRAWS + MARKER_DRAWS * len(self.p_J))
+
+
+def scene(paper: Mapping[str, Any], pitch_deg: ArrayLike, focal_length_mm: float, cone_deg: float) -> Scene:
+    """The scene of ``paper2019.toml`` photographed at the pitch angles (m,)."""
+    place, errors = paper["scene"], paper["errors"]
+    r_J, v_J, latitude = _pass(place, np.atleast_1d(pitch_deg) * DEG)
+    centre = geodetic_to_itrf(latitude, 0.0, 0.0)
+    C_JK = pointing(r_J, v_J, centre)
+    reach = np.linalg.norm(centre - r_J, axis=-1, keepdims=True)
+    focal = focal_length_mm * MM
+    sigma = [
+        errors["initial_arcmin"] * ARCMIN,
+        paper["camera"]["focal_length_error"],
+        errors["aim_m"],
+        errors["gps_m"],
+        errors["marker_px"] * paper["camera"]["pixel_um"] * UM / focal,
+    ]
+    return Scene(
+        images=np.concatenate([r_J, so3.to_quaternion(C_JK.mT), reach], axis=-1),
+        p_J=site_grid(latitude, 0.0, 0.0, np.array(place["markers_east_north_m"])),
+        tracker_covariance=trackers(cone_deg * DEG, np.array(errors["tracker_arcsec"]) * ARCSEC),
+        sigma=np.array(sigma),
+        pixel=paper["camera"]["pixel_um"] * UM / focal,
+    )
+
+
+def _pass(place: Mapping[str, Any], pitch: Array) -> tuple[Array, Array, float]:
+    """Positions and velocities (m, 3) over the turning Earth from which a site is seen at the pitch angles.
+
+    The site is below perigee, crossed southbound at time 0; the place of an image follows from the height and the
+    speed of the ground track, ``t = -H tan(pitch) / v``.
+    """
+    latitude, inclination = place["latitude_deg"] * DEG, place["inclination_deg"] * DEG
+    geocentric = np.arctan((1.0 - WGS84_F) ** 2 * np.tan(latitude))
+    argument = np.pi - np.arcsin(np.sin(geocentric) / np.sin(inclination))
+    site = geodetic_to_itrf(latitude, 0.0, 0.0)
+    perigee = np.linalg.norm(site) + place["height_km"] * 1e3
+    # the node that brings the meridian of the site to longitude 0
+    node = -np.arctan2(np.cos(inclination) * np.sin(argument), np.cos(argument))
+    eccentricity = place["eccentricity"]
+    orbit = KeplerOrbit(perigee / (1.0 - eccentricity), eccentricity, inclination, node, argument, 0.0)
+    _, v0 = orbit.at(0.0)
+    ground_speed = np.linalg.norm(v0) * np.linalg.norm(site) / perigee
+    time = -place["height_km"] * 1e3 * np.tan(pitch) / ground_speed
+    r_I, v_I = orbit.at(time)
+    C_JI = so3.exp(-OMEGA_EARTH * time[:, None] * np.eye(3)[2])
+    r_J, v_turning = (C_JI @ r_I[..., None])[..., 0], (C_JI @ v_I[..., None])[..., 0]
+    return r_J, v_turning - np.cross([0.0, 0.0, OMEGA_EARTH], r_J), latitude
+
+
+@dataclass(frozen=True)
+class Runs:
+    """Simulated runs: the observer's work rows (10 + 16 n m, runs), and the same as an observation table."""
+
+    rows: Array
+    scene: Scene
+    Z: Array
+
+    @property
+    def C_EK_true(self) -> Array:
+        """``exp(-theta_E) C_EK_MODEL`` (runs, 3, 3)."""
+        return so3.from_quaternion(self.rows[:4].T)
+
+    @property
+    def theta_E(self) -> Array:
+        """Initial errors (runs, 3) rad."""
+        return self.scene.sigma[0] * self.Z[:3].T
+
+    @property
+    def observations(self) -> Observations:
+        """What any estimator reads; the focal length's error is in the tangents, but stated nowhere."""
+        s = self.scene
+        m, n = len(s.images), len(s.p_J)
+        block = self.rows[STATE_ROWS:].reshape(m * n, SIGHTING_ROWS, -1)
+        e_K, e_E, axes = (np.moveaxis(block[:, a:b], -1, 0) for a, b in ((0, 3), (3, 6), (6, 15)))
+        image = np.repeat(np.arange(m), n)
+        first = RUN_DRAWS + (IMAGE_DRAWS + MARKER_DRAWS * n) * image
+        rho_J = s.sigma[3] * np.moveaxis(self.Z[first[:, None] + np.arange(5, 8)], -1, 0)
+        r_J = s.images[image, :3] + rho_J
+        p_J = np.tile(s.p_J, (m, 1))
+        count = m * n
+        return Observations(
+            image=image,
+            landmark=np.tile(np.arange(n), m),
+            xy_K=e_K[..., :2] / e_K[..., 2:],
+            slope_K=np.broadcast_to(s.pixel * np.eye(2), (count, 2, 2)),
+            line_period_s=np.zeros(count),
+            C_EJ=axes.reshape(-1, count, 3, 3).mT,
+            omega_E=np.zeros((count, 3)),
+            r_J=r_J,
+            v_J=np.zeros((count, 3)),
+            p_J=p_J,
+            e_E=e_E,
+            row_rate_E=np.zeros((count, 3)),
+            range_m=np.linalg.norm(p_J - r_J, axis=-1),
+            sigma_px=np.full(count, s.sigma[4] / s.pixel),
+            weight=np.ones(count),
+            cov_attitude_E=np.broadcast_to(s.tracker_covariance, (m, 3, 3)),
+            cov_position_J=np.broadcast_to(s.sigma[3] ** 2 * np.eye(3), (m, 3, 3)),
+            cov_landmark_J=np.zeros((n, 3, 3)),
+            corrections=Corrections(light_time=False, aberration=False),
+        )
+
+
+def draw(scene: Scene, rng: np.random.Generator, runs: int) -> Runs:
+    """Simulate runs; the work rows' state of P and floors are left to the observer."""
+    Z = rng.standard_normal((scene.draws, runs))
+    rows = np.zeros((STATE_ROWS + SIGHTING_ROWS * len(scene.images) * len(scene.p_J), runs))
+    root = np.linalg.cholesky(scene.tracker_covariance)
+    q_model = so3.to_quaternion(C_EK_MODEL)
+    simulate(Z, rows, slice(None), scene.images, scene.p_J, root, q_model, scene.sigma)
+    return Runs(rows, scene, Z)
