@@ -64,15 +64,17 @@ def _inverse_root_2x2(V: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class _Design:
+class Design:
     """Whitened observations ``v = z + A x + G a + D b`` in the unknowns' own units (unit prior on a and b).
 
     ``P`` (..., n, 2, 6 + k + 1) holds ``[G, A, z]``; ``D`` (..., n, 2, 3) is zero for a landmark seen once.
     ``repeated`` (q,) are the landmarks seen more than once, ``place`` (n,) that of each sighting's among them (-1: none).
+    ``W`` (..., n, 2, 2) is what whitened them: units of sigma per pixel of column and row.
     """
 
     P: Array
     D: Array
+    W: Array
     S_attitude: Array
     S_position: Array
     S_landmark: Array
@@ -80,7 +82,8 @@ class _Design:
     place: Index
 
 
-def _whiten(o: Observations, model: Linearised, A: Array) -> _Design:
+def whiten(o: Observations, model: Linearised, A: Array) -> Design:
+    """The design in units of the stated errors; rows of weight zero vanish."""
     S_attitude, S_position = square_root(o.cov_attitude_E), square_root(o.cov_position_J)
     S_landmark = square_root(o.cov_landmark_J)
     times_seen = np.bincount(o.landmark, minlength=o.n_landmarks)
@@ -97,7 +100,7 @@ def _whiten(o: Observations, model: Linearised, A: Array) -> _Design:
     batch = np.broadcast_shapes(*(block.shape[:-2] for block in blocks))
     P = W @ np.concatenate([np.broadcast_to(b, (*batch, *b.shape[-2:])) for b in blocks], axis=-1)
     D = np.where(once, 0.0, W @ D)
-    return _Design(P, D, S_attitude, S_position, S_landmark, repeated, place[o.landmark])
+    return Design(P, D, W, S_attitude, S_position, S_landmark, repeated, place[o.landmark])
 
 
 def _sums(values: Array, index: Index, count: int) -> Array:
@@ -125,7 +128,7 @@ def _image_squares(P: Array, image: Index, count: int) -> Array:
 
 
 @dataclass(frozen=True)
-class _Normal:
+class Normal:
     """Normal equations, images first: ``inverse`` (..., m, 6, 6) of G^T G + I; ``GY``, ``Gz`` (..., m, 6, .) couple an
     image to y = (x, landmarks); ``YY``, ``Yz`` what the images leave of y, (..., w, w) and (..., w, 1)."""
 
@@ -136,7 +139,7 @@ class _Normal:
     Yz: Array
 
 
-def _normal(o: Observations, d: _Design) -> _Normal:
+def normal_equations(o: Observations, d: Design) -> Normal:
     """Sum the normal equations and eliminate the images."""
     m, q, k = o.n_images, d.repeated.size, d.P.shape[-1] - 7
     squares = _image_squares(d.P, o.image, m)
@@ -161,10 +164,10 @@ def _normal(o: Observations, d: _Design) -> _Normal:
     flat = (inverse @ GY).reshape(*batch, 6 * m, -1)
     YY -= flat.mT @ GY.reshape(*batch, 6 * m, -1)
     Yz -= flat.mT @ Gz.reshape(*batch, 6 * m, 1)
-    return _Normal(inverse, GY, Gz, YY, Yz)
+    return Normal(inverse, GY, Gz, YY, Yz)
 
 
-def _invert_information(information: Array) -> Array:
+def invert_information(information: Array) -> Array:
     """Covariance of the common parameters; infinite where a run leaves one of them undetermined."""
     if information.shape[-1] == 0:
         return information
@@ -193,8 +196,8 @@ def solve(
     ``x ~ N(prior_step, prior_information^-1)``, shapes (..., k) and (..., k, k).  Where the common
     parameters are not determined their covariance is infinite and their step zero.
     """
-    d = _whiten(observations, model, A)
-    n, k = _normal(observations, d), A.shape[-1]
+    d = whiten(observations, model, A)
+    n, k = normal_equations(observations, d), A.shape[-1]
     # landmarks seen repeatedly go next, x is left
     N_ll, N_lx = n.YY[..., k:, k:], n.YY[..., k:, :k]
     back = np.linalg.solve(N_ll, np.concatenate([N_lx, n.Yz[..., k:, :]], axis=-1))
@@ -203,7 +206,7 @@ def solve(
     if prior_information is not None and prior_step is not None:
         information = information + prior_information
         right = right - (prior_information @ prior_step[..., None])[..., 0]
-    covariance = _invert_information(information)
+    covariance = invert_information(information)
     x = -(np.where(np.isfinite(covariance), covariance, 0.0) @ right[..., None])[..., 0]
     b = -(back[..., k] + (back[..., :k] @ x[..., None])[..., 0])
     chi2 = np.zeros(x.shape[:-1])
@@ -214,7 +217,7 @@ def solve(
 
 
 def _with_shared_errors(
-    o: Observations, d: _Design, n: _Normal, common: tuple[Array, Array, Array, Array], b: Array
+    o: Observations, d: Design, n: Normal, common: tuple[Array, Array, Array, Array], b: Array
 ) -> Adjustment:
     """The solution with the errors of images and landmarks behind it, and the residuals once they are taken out."""
     x, information, covariance, chi2 = common

@@ -120,10 +120,12 @@ class Observations:
     def run(self, index: tuple[int, ...]) -> Observations:
         """One run of a batch: the table at ``index`` into :attr:`batch`, without batch axes."""
         chosen: dict[str, Any] = {}
-        shared = {name: (3, 3) for name in ("cov_attitude_E", "cov_position_J", "cov_landmark_J")}
-        for name, tail in (_TAILS | shared).items():
+        shared = dict.fromkeys(("cov_attitude_E", "cov_position_J", "cov_landmark_J", "common_px"), 3)
+        for name, own_axes in ({name: 1 + len(tail) for name, tail in _TAILS.items()} | shared).items():
             values = getattr(self, name)
-            batch = values.shape[: values.ndim - 1 - len(tail)]
+            if values is None:
+                continue
+            batch = values.shape[: values.ndim - own_axes]
             own = index[len(index) - len(batch) :]
             chosen[name] = values[tuple(i if size > 1 else 0 for i, size in zip(own, batch, strict=True))]
         return replace(self, **chosen)

@@ -80,13 +80,13 @@ class Gls:
 def adjust(observations: Observations, C_EK: Array, C_EK_model: Array) -> Adjustment:
     """The linear step at C_EK, with the prior about the model mounting where there is one."""
     model = linearise(observations, C_EK)
-    prior = _mounting_prior(observations, C_EK, C_EK_model)
+    prior = mounting_prior(observations, C_EK, C_EK_model)
     if observations.common_px is not None:
         return _beside_common_errors(observations.common_px, observations, model, prior)
     return solve(observations, model, model.H, *(prior or ()))
 
 
-def _mounting_prior(observations: Observations, C_EK: Array, C_EK_model: Array) -> tuple[Array, Array] | None:
+def mounting_prior(observations: Observations, C_EK: Array, C_EK_model: Array) -> tuple[Array, Array] | None:
     """Information and step of the prior about the model mounting.
 
     ``exp(x) C = exp(c + J^-1 x) C_model`` with ``c = log(C C_model^T)``: the prior says ``c + J^-1 x ~ N(0, prior)``.

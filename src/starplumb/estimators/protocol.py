@@ -40,6 +40,33 @@ _TEXTS = {
 }
 
 
+class Verdict(IntEnum):
+    """Why a sighting has a part in the solution or not."""
+
+    USED = 0
+    SIGHTING = 1
+    IMAGE = 2
+    LANDMARK = 3
+
+
+@dataclass(frozen=True)
+class ParameterVector:
+    """Parameters estimated beside the alignment, and one covariance of both.
+
+    ``names`` (p,), ``values`` (..., p) SI and radians with what was known beforehand, ``prior_sigma`` (p,), infinite
+    for a free one, and ``range`` (p,), the largest error that makes sense; ``covariance`` (..., 3 + p, 3 + p) and
+    ``information`` (..., 3 + p, 3 + p) of the alignment's error about E's axes and of the values, without the priors in
+    the latter.
+    """
+
+    names: tuple[str, ...]
+    values: Array
+    prior_sigma: Array
+    range: Array
+    covariance: Array
+    information: Array
+
+
 @dataclass(frozen=True)
 class AlignmentEstimate:
     """An estimated mounting with what is known of its error.
@@ -47,6 +74,8 @@ class AlignmentEstimate:
     ``C_EK`` (..., 3, 3); ``covariance_E`` (..., 3, 3) rad^2 of the estimate's error about E's axes with every stated
     error source in it, None where the method has no covariance; ``status`` (...) of :class:`Status`;
     ``chi2`` (...) with ``degrees_of_freedom``, None where the method has none; ``iterations`` (...).
+    ``verdict`` (..., n) of :class:`Verdict` on each sighting, None where the method takes all; ``parameters`` what was
+    estimated beside the alignment, None for nothing.
     """
 
     C_EK: Array
@@ -55,6 +84,8 @@ class AlignmentEstimate:
     iterations: NDArray[np.int64]
     chi2: Array | None = None
     degrees_of_freedom: NDArray[np.int64] | None = None
+    verdict: NDArray[np.int64] | None = None
+    parameters: ParameterVector | None = None
 
     @property
     def sigma_E(self) -> Array | None:

@@ -1,0 +1,175 @@
+"""Generalised least squares that estimates more than the alignment: optics, clocks, trackers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import so3
+from ..adjustment import Adjustment, solve
+from ..model import Linearised, linearise
+from ..observations import Observations
+from ..parameters import Parameter
+from .gls import SINGULAR_SIGMA, mounting_prior
+from .protocol import AlignmentEstimate, ParameterVector, Status
+from .wahba import Wahba
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class State:
+    """Where an estimate stands: ``C_EK`` (..., 3, 3) and the parameters' ``values`` (..., p)."""
+
+    C_EK: Array
+    values: Array
+
+    def moved(self, x: Array) -> State:
+        """After a step of the alignment and the parameters, x (..., 3 + p or more)."""
+        p = self.values.shape[-1]
+        return State(so3.exp(x[..., :3]) @ self.C_EK, self.values + x[..., 3 : 3 + p])
+
+
+@dataclass(frozen=True)
+class Problem:
+    """The adjustment at a state: the table with the parameters applied, its linearisation, the design of all common
+    unknowns (..., n, 2, 3 + p + c) and their prior (information, step); c is the number of errors in ``common_px``."""
+
+    observations: Observations
+    model: Linearised
+    A: Array
+    prior: tuple[Array, Array]
+
+    def solve(self) -> Adjustment:
+        return solve(self.observations, self.model, self.A, *self.prior)
+
+
+@dataclass(frozen=True)
+class SelfCalibration:
+    """:class:`Gls <starplumb.estimators.gls.Gls>` with further common parameters; without any it is the same.
+
+    The state (C_EK, p) moves by ``C_EK <- exp(x_theta) C_EK, p <- p + x_p`` with the x of the adjustment whose design
+    is ``[H, dz/dp]``.  A parameter with a prior is pulled to zero by it; a free one is held by its whole plausible
+    range only, so that the equations can be solved even where the data say nothing of it
+    (:mod:`starplumb.separability` then refuses to call it known).
+    """
+
+    parameters: tuple[Parameter, ...] = ()
+    tolerance: float = 1e-6
+    """Step in units of the estimate's own sigma at which to stop."""
+    max_iterations: int = 20
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(name for parameter in self.parameters for name in parameter.names)
+
+    @property
+    def sigma(self) -> Array:
+        """Prior standard deviations (p,), infinite for free parameters."""
+        return np.array([s for parameter in self.parameters for s in parameter.sigma])
+
+    @property
+    def range(self) -> Array:
+        """Largest errors that make sense (p,)."""
+        return np.array([r for parameter in self.parameters for r in parameter.range])
+
+    def __call__(self, observations: Observations, C_EK: Array) -> AlignmentEstimate:
+        return self.estimate(observations, C_EK, self.start(observations, C_EK))
+
+    def start(self, observations: Observations, C_EK: Array) -> State:
+        """The closed form, all parameters at zero."""
+        start = Wahba()(observations, C_EK)
+        closed = (start.status == int(Status.OK))[..., None, None]
+        C = np.where(closed, start.C_EK, C_EK)
+        return State(C, np.zeros((*C.shape[:-2], len(self.names))))
+
+    def problem(self, observations: Observations, state: State, C_EK_model: Array) -> Problem:
+        """The linear problem at a state."""
+        o, slices, at = observations, [], 0
+        for parameter in self.parameters:
+            slices.append(state.values[..., at : at + len(parameter.names)])
+            o = parameter.apply(o, slices[-1])
+            at += len(parameter.names)
+        model = linearise(o, state.C_EK)
+        parts = [p.design(o, model, value) for p, value in zip(self.parameters, slices, strict=True)]
+        parts += [] if o.common_px is None else [o.common_px]
+        batch = np.broadcast_shapes(*(part.shape[:-3] for part in (model.H, *parts)))
+        A = np.concatenate([np.broadcast_to(p, (*batch, *p.shape[-3:])) for p in (model.H, *parts)], axis=-1)
+        return Problem(o, model, A, self._prior(o, state, C_EK_model))
+
+    def _prior(self, o: Observations, state: State, C_EK_model: Array) -> tuple[Array, Array]:
+        """Information and step of the prior on all common parameters."""
+        p, common = len(self.names), 0 if o.common_px is None else o.common_px.shape[-1]
+        batch, width = state.C_EK.shape[:-2], 3 + p + common
+        information, step = np.zeros((*batch, width, width)), np.zeros((*batch, width))
+        of_mounting = mounting_prior(o, state.C_EK, C_EK_model)
+        if of_mounting is not None:
+            information[..., :3, :3], step[..., :3] = of_mounting
+        held = np.where(np.isfinite(self.sigma), self.sigma, self.range)
+        diagonal = np.arange(3, width)
+        information[..., diagonal, diagonal] = np.concatenate([held**-2.0, np.ones(common)])
+        step[..., 3 : 3 + p] = -state.values
+        return information, step
+
+    def estimate(self, observations: Observations, C_EK: Array, state: State) -> AlignmentEstimate:
+        """Iterate from a state to convergence."""
+        shape = state.C_EK.shape[:-2]
+        converged, iterations = np.zeros(shape, dtype=bool), np.zeros(shape, dtype=np.int64)
+        problem = self.problem(observations, state, C_EK)
+        solution = problem.solve()
+        for _ in range(self.max_iterations):
+            state = state.moved(solution.x)
+            iterations += ~converged
+            # the length of the step in units of the covariance
+            x = solution.x[..., None]
+            length = (x.mT @ solution.information @ x)[..., 0, 0]
+            converged = converged | (length < self.tolerance**2)
+            if np.all(converged):
+                break
+            problem = self.problem(observations, state, C_EK)
+            solution = problem.solve()
+        return self._report(problem, state, solution, (converged, iterations))
+
+    def _report(
+        self,
+        problem: Problem,
+        state: State,
+        solution: Adjustment,
+        ended: tuple[NDArray[np.bool_], NDArray[np.int64]],
+    ) -> AlignmentEstimate:
+        o, (converged, iterations) = problem.observations, ended
+        covariance_E = solution.covariance[..., :3, :3]
+        finite = np.all(np.isfinite(covariance_E), axis=(-2, -1))
+        worst = np.linalg.eigvalsh(np.where(finite[..., None, None], covariance_E, np.eye(3)))[..., -1]
+        status = np.full(state.C_EK.shape[:-2], int(Status.OK))
+        status[~converged | ~np.isfinite(solution.chi2)] = int(Status.NOT_CONVERGED)
+        status[~(worst < SINGULAR_SIGMA**2)] = int(Status.SINGULAR)
+        seen = np.broadcast_to(np.sum(o.weight > 0.0, axis=-1), status.shape)
+        free = 3 * (o.prior_E is None) + int(np.sum(~np.isfinite(self.sigma)))
+        return AlignmentEstimate(
+            state.C_EK,
+            covariance_E,
+            status,
+            iterations,
+            solution.chi2,
+            2 * seen - free,
+            parameters=self._vector(problem, state, solution) if self.parameters else None,
+        )
+
+    def _vector(self, problem: Problem, state: State, solution: Adjustment) -> ParameterVector:
+        """The named parameters with what the data alone say of them, other common errors marginalised."""
+        own = 3 + len(self.names)
+        N = solution.information
+        marginal = N[..., :own, :own] - N[..., :own, own:] @ np.linalg.solve(
+            N[..., own:, own:], N[..., own:, :own]
+        )
+        return ParameterVector(
+            self.names,
+            state.values,
+            self.sigma,
+            self.range,
+            solution.covariance[..., :own, :own],
+            marginal - problem.prior[0][..., :own, :own],
+        )

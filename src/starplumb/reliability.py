@@ -1,0 +1,168 @@
+"""What the adjustment says of each of its own observations: residual cofactors, and the test of every one of them.
+
+Everything with a stated sigma is an observation and is tested alike: a sighting (2 numbers), the attitude and position
+of an image (6, whose stated covariance says that their errors are zero on average) and the place of a landmark (3)::
+
+    T = v^T Q_vv^-1 v,      chi-square with as many degrees of freedom as v has that the others control
+
+is the fall of the whole chi-square when that one observation is left out (mean-shift test; for one number T = w^2 with
+Baarda's w).  A sighting that has no part in the solution is tested by its prediction, ``T = z^T (I + B Q B^T)^-1 z``:
+the same number as if it had been in and were left out.  Redundancies sum to the degrees of freedom.
+
+Source: W. Baarda, A testing procedure for use in geodetic networks, Netherlands Geodetic Commission 2 (5), 1968.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .adjustment import Design, Normal, invert_information, normal_equations, whiten
+from .model import Linearised
+from .observations import Observations
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+CONTROLLED = 0.05
+"""Share of an error of an image or landmark that must show for its direction to be tested at all."""
+UNTESTABLE = 1e-6
+"""Redundancy below which a sighting is not controlled by the others: its residual is zero whatever its error."""
+CHUNK = 1 << 20
+"""Doubles that a chunk of reduced design rows may hold."""
+
+
+@dataclass(frozen=True)
+class Reliability:
+    """Residuals of one adjustment (no batch axes) with their cofactors, in units of the stated sigmas.
+
+    =================== ============ ===============================================================================
+    used                (n,)         whether the sighting has a part in the solution
+    v                   (n, 2)       residual, of an unused sighting the misfit of its prediction; whitened
+    hat                 (n, 2, 2)    ``B Q B^T``, covariance of the adjusted observation, whitened
+    per_px              (n, 2, 2)    whitened shift of a residual by a pixel of column and row
+    effect              (n, k, 2)    change of the common parameters by a whitened shift of the sighting
+    image_error         (m, 6)       attitude and position error of each image in units of their prior
+    image_cofactor      (m, 6, 6)    covariance of these estimates' errors
+    landmark_error      (q, 3)       likewise the place error of the landmarks seen more than once
+    landmark_cofactor   (q, 3, 3)
+    repeated            (q,)         which landmarks those are
+    =================== ============ ===============================================================================
+    """
+
+    used: Mask
+    v: Array
+    hat: Array
+    per_px: Array
+    effect: Array
+    image_error: Array
+    image_cofactor: Array
+    landmark_error: Array
+    landmark_cofactor: Array
+    repeated: Index
+
+    @cached_property
+    def Q_vv(self) -> Array:
+        """Covariance (n, 2, 2) of v: less than I where the sighting is in the solution, more where it is not."""
+        sign = np.where(self.used, -1.0, 1.0)[:, None, None]
+        return np.asarray(np.eye(2) + sign * self.hat)
+
+    @cached_property
+    def redundancy(self) -> Array:
+        """Share (n,) of the sighting's two numbers that the others control, 0 .. 1, as if it were in the solution."""
+        inside = np.trace(self.hat, axis1=-2, axis2=-1) / 2.0
+        # leaving in: hat_in = hat_out (I + hat_out)^-1
+        outside = np.trace(np.linalg.solve(np.eye(2) + self.hat, self.hat), axis1=-2, axis2=-1) / 2.0
+        return np.asarray(1.0 - np.where(self.used, inside, outside))
+
+    @cached_property
+    def sightings(self) -> tuple[Array, Array]:
+        """T (n,) of each sighting and its degrees of freedom (n,)."""
+        return _mean_shift(self.v, self.Q_vv, UNTESTABLE)
+
+    @cached_property
+    def images(self) -> tuple[Array, Array]:
+        """T (m,) of each image's attitude and position taken together, and its degrees of freedom (m,)."""
+        return _mean_shift(self.image_error, np.eye(6) - self.image_cofactor, CONTROLLED)
+
+    @cached_property
+    def landmarks(self) -> tuple[Array, Array]:
+        """T (q,) of the place of each landmark seen more than once, and its degrees of freedom (q,)."""
+        return _mean_shift(self.landmark_error, np.eye(3) - self.landmark_cofactor, CONTROLLED)
+
+
+def _mean_shift(v: Array, Q: Array, floor: float) -> tuple[Array, Array]:
+    """v^T Q^+ v over the directions whose eigenvalue exceeds ``floor``, and how many they are; v (..., d)."""
+    values, vectors = np.linalg.eigh(Q)
+    tested = values > floor
+    along = (vectors.mT @ v[..., None])[..., 0]
+    T = np.sum(np.where(tested, along**2 / np.where(tested, values, 1.0), 0.0), axis=-1)
+    return np.asarray(T), np.sum(tested, axis=-1)
+
+
+def reliability(
+    observations: Observations, model: Linearised, A: Array, prior: tuple[Array, Array] | None = None
+) -> Reliability | None:
+    """Residuals and cofactors of the solution with design A (n, 2, k) and a prior (information, step) on x.
+
+    Sightings of weight zero are tested but have no part in the solution.  None where the common parameters are not
+    determined.
+    """
+    o = observations
+    d = whiten(o, model, A)
+    n, k = normal_equations(o, d), A.shape[-1]
+    information, right = n.YY.copy(), n.Yz[:, 0].copy()
+    if prior is not None:
+        information[:k, :k] += prior[0]
+        right[:k] -= prior[0] @ prior[1]
+    Q = invert_information(information)
+    if not np.all(np.isfinite(Q)):
+        return None
+    y = -Q @ right
+    rows = whiten(replace(o, weight=np.ones(o.n)), model, A)
+    a = -(n.inverse @ (n.Gz + n.GY @ y[:, None]))[..., 0]
+    v, hat, effect = _sightings(o, rows, n, Q, (a, y))
+    pull = n.inverse @ n.GY
+    q = d.repeated.size
+    blocks = Q[k:, k:].reshape(q, 3, q, 3)[np.arange(q), :, np.arange(q), :]
+    return Reliability(
+        used=o.weight > 0.0,
+        v=v,
+        hat=hat,
+        per_px=rows.W,
+        effect=effect,
+        image_error=a,
+        image_cofactor=n.inverse + pull @ Q @ pull.mT,
+        landmark_error=y[k:].reshape(q, 3),
+        landmark_cofactor=blocks,
+        repeated=d.repeated,
+    )
+
+
+def _sightings(
+    o: Observations, d: Design, n: Normal, Q: Array, solution: tuple[Array, Array]
+) -> tuple[Array, Array, Array]:
+    """v, hat and effect of all sightings, in chunks: a reduced row is as wide as x and the repeated landmarks."""
+    (a, y), k, w = solution, d.P.shape[-1] - 7, Q.shape[0]
+    v, hat, effect = np.empty((o.n, 2)), np.empty((o.n, 2, 2)), np.empty((o.n, k, 2))
+    pull = n.inverse @ n.GY
+    size = max(1, CHUNK // (2 * w))
+    for start in range(0, o.n, size):
+        part = slice(start, min(start + size, o.n))
+        image, place = o.image[part], d.place[part]
+        G = d.P[part, :, :6]
+        Y = np.zeros((image.size, 2, w))
+        Y[:, :, :k] = d.P[part, :, 6:-1]
+        seen = np.flatnonzero(place >= 0)
+        columns = k + 3 * place[seen, None] + np.arange(3)
+        Y[seen[:, None, None], np.arange(2)[:, None], columns[:, None, :]] = d.D[part][seen]
+        v[part] = d.P[part, :, -1] + (G @ a[image][..., None])[..., 0] + Y @ y
+        reduced = Y - G @ pull[image]
+        spread = Q @ reduced.mT
+        hat[part] = reduced @ spread + G @ n.inverse[image] @ G.mT
+        effect[part] = -spread[:, :k, :]
+    return v, hat, effect
