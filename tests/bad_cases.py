@@ -786,6 +786,11 @@ MESSAGES = [
         both(USE_OEM, put("orbit.oem", OEM), swap(TOML, "sigma_m = 3.0", 'sigma_m = 3.0\nobject = "FISH"')),
         ("orbit.oem", '"BIRD"', 'wanted "FISH" as ephemeris.object says'),
     ),
+    BadCase(
+        "object-of-a-table",
+        swap(TOML, "sigma_m = 3.0", 'sigma_m = 3.0\nobject = "BIRD"'),
+        ("campaign.toml: ephemeris.object", "CSV table"),
+    ),
     BadCase("oem-no-oem", both(USE_OEM, put("orbit.oem", EPH)), ("orbit.oem",)),
     BadCase(
         "aem-other-direction",

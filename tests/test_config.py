@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from bad_cases import AEM, DETECTORS, LINE_SCAN, NO_OPTICS, OEM, both, put, swap
 from helpers import CAMPAIGN, FILES, OBSERVATIONS, write_good_campaign
 from starplumb.campaign import Campaign, Images
-from starplumb.errors import InputError
+from starplumb.errors import EpochError, InputError
 from starplumb.io.campaign import LoadedCampaign, load_campaign
 from starplumb.io.write_campaign import write_campaign
 from starplumb.units import ARCSEC
@@ -141,6 +141,30 @@ def test_messages_give_what_the_tables_give(tmp_path: Path) -> None:
     assert [notice.split(": ")[1] for notice in loaded.notices] == [
         "took its frame STR_1 for star_tracker, the name in the campaign"
     ]
+
+
+def test_arcs_of_a_message_are_not_joined(tmp_path: Path) -> None:
+    """Two segments whose samples follow one another by the usual step, as after a manoeuvre."""
+    head, _ = OEM.split("META_STOP\n")
+    row = "2020-01-01T00:00:0{} 7058.137 0.0 {} 0.0 0.0 7.5\n"
+    samples = [row.format(i, -15.0 + 7.5 * i) for i in range(5)]
+    meta = "META_START" + head.split("META_START")[1] + "META_STOP\n"
+    path = write_good_campaign(tmp_path, campaign=CAMPAIGN.replace("ephemeris.csv", "orbit.oem"))
+    for cut, fine in (
+        (2, False),
+        (3, True),
+    ):  # I1 at 1.5 s and I2 at 2.5 s: the second cut is between 2 s and 3 s
+        text = head + "META_STOP\n" + "".join(samples[:cut]) + meta + "".join(samples[cut:])
+        (tmp_path / "orbit.oem").write_text(text)
+        ephemeris = load_campaign(path).campaign.ephemeris
+        at = load_campaign(path).campaign.images.t_ns[:1]
+        if fine:
+            ephemeris.at(at)
+        else:
+            with pytest.raises(
+                EpochError, match=r"orbit\.oem \(samples more than .* or of two arcs are not joined\)"
+            ):
+                ephemeris.at(at)
 
 
 @pytest.mark.parametrize("word", ["GCRF", "J2000"])

@@ -33,11 +33,13 @@ class Orientation(Protocol):
 class Bursts:
     """Samples at ``t_ns`` (n,), strictly increasing, cut wherever two of them lie more than ``gap_s`` apart.
 
-    ``gap_s`` None: 3.5 times the median spacing (and no limit for fewer than three samples).
+    ``gap_s`` None: 3.5 times the median spacing (and no limit for fewer than three samples).  ``starts`` are samples at
+    which a new burst begins however near the one before it lies: arcs of a file, which a manoeuvre may part.
     """
 
     t_ns: Epochs
     gap_s: float | None = None
+    starts: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         if self.t_ns.size == 0:
@@ -59,7 +61,8 @@ class Bursts:
     def bounds(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """First and last sample of the burst to which each sample belongs, (n,) each."""
         n = self.t_ns.size
-        cut = np.flatnonzero(np.diff(self.t_ns) * 1e-9 > self.limit_s) + 1
+        gaps = np.flatnonzero(np.diff(self.t_ns) * 1e-9 > self.limit_s) + 1
+        cut = np.union1d(gaps, np.array(self.starts, dtype=np.int64))
         starts, ends = np.concatenate([[0], cut]), np.concatenate([cut, [n]])
         repeats = ends - starts
         return np.repeat(starts, repeats), np.repeat(ends - 1, repeats)
@@ -69,8 +72,8 @@ class Bursts:
     ) -> list[tuple[NDArray[np.int64], NDArray[np.int64]]]:
         """Groups (queries, first sample (q,) with its ``k`` samples (q, k)) of the nodes to use at epochs (m,).
 
-        As many as ``width`` nodes of the epoch's own burst, centred on it where the burst allows.  Each group has one k.
-        Raises EpochError for an epoch outside every burst, naming the nearest sample.
+        As many as ``width`` nodes of the epoch's own burst, centred on it where the burst allows.  Each group
+        has one k. Raises EpochError for an epoch outside every burst, naming the nearest sample.
         """
         first, last = self.bounds
         left = np.clip(np.searchsorted(self.t_ns, t_ns, side="right") - 1, 0, self.t_ns.size - 1)
@@ -92,8 +95,9 @@ class Bursts:
     def _refuse(self, t_ns: Epochs, nearest: NDArray[np.int64], row: int, what: str) -> None:
         epoch, sample = format_iso(np.array([t_ns[row], self.t_ns[nearest[row]]]), "UTC")
         away = abs(int(t_ns[row]) - int(self.t_ns[nearest[row]])) * 1e-9
+        arcs = " or of two arcs" if self.starts else ""
         between = self.t_ns[0] < t_ns[row] < self.t_ns[-1]
-        place = f"in a gap of {what} (samples more than {self.limit_s:g} s apart are not joined)"
+        place = f"in a gap of {what} (samples more than {self.limit_s:g} s apart{arcs} are not joined)"
         outside = f"outside {what}, which is never extrapolated"
         raise EpochError(
             f"epoch {epoch} UTC lies {place if between else outside}; "
@@ -152,13 +156,15 @@ class Ephemeris:
     gap_s: float | None = None
     name: str = "the ephemeris"
     """What messages call it: the user's file."""
+    starts: tuple[int, ...] = ()
+    """Samples at which a new arc begins, which is not interpolated from the one before."""
 
     def __post_init__(self) -> None:
         self._check_velocities()
 
     @cached_property
     def bursts(self) -> Bursts:
-        return Bursts(self.t_ns, self.gap_s)
+        return Bursts(self.t_ns, self.gap_s, self.starts)
 
     def _check_velocities(self) -> None:
         """Velocities in other units, or inertial ones, disagree with the motion of the positions themselves."""
@@ -178,8 +184,9 @@ class Ephemeris:
     def at(self, t_ns: ArrayLike, velocity: bool = True) -> tuple[Array, Array]:
         """Position r_J and velocity v_J at epochs of any shape (...) -> (..., 3) each.
 
-        With ``velocity`` False an epoch on a lone sample is accepted though nothing gives its velocity, which then is 0.
-        Raises EpochError outside the samples, in a gap, or where a burst is too short to interpolate.
+        With ``velocity`` False an epoch on a lone sample is accepted though nothing gives its velocity, which
+        then is 0. Raises EpochError outside the samples, in a gap, or where a burst is too short to
+        interpolate.
         """
         t = np.asarray(t_ns, dtype=np.int64)
         flat = t.reshape(-1)
@@ -230,9 +237,9 @@ class Ephemeris:
 class Attitude:
     """Samples of C_EF: the star tracker's frame E from F, inertial (``GCRF``) or Earth-fixed (``ITRF``).
 
-    Shapes: ``t_ns`` (n,), ``q_EF`` (n, 4) Hamilton quaternions (x, y, z, w) that rotate v_F into v_E; their signs do not
-    matter.  Between samples the rotation away from one of them is a cubic in the tangent space (on up to 4 samples of
-    the burst; two samples give the geodesic).
+    Shapes: ``t_ns`` (n,), ``q_EF`` (n, 4) Hamilton quaternions (x, y, z, w) that rotate v_F into v_E; their
+    signs do not matter.  Between samples the rotation away from one of them is a cubic in the tangent space
+    (on up to 4 samples of the burst; two samples give the geodesic).
     """
 
     t_ns: Epochs
@@ -242,6 +249,8 @@ class Attitude:
     gap_s: float | None = None
     name: str = "the attitude"
     """What messages call it: the user's file."""
+    starts: tuple[int, ...] = ()
+    """Samples at which a new arc begins, which is not interpolated from the one before."""
 
     def __post_init__(self) -> None:
         if self.frame == "GCRF" and self.orientation is None:
@@ -249,7 +258,7 @@ class Attitude:
 
     @cached_property
     def bursts(self) -> Bursts:
-        return Bursts(self.t_ns, self.gap_s)
+        return Bursts(self.t_ns, self.gap_s, self.starts)
 
     def at(self, t_ns: ArrayLike) -> tuple[Array, Array]:
         """C_EJ (..., 3, 3) and omega_E (..., 3) rad/s with ``d C_EJ / dt = [omega_E] C_EJ``, at epochs (...).

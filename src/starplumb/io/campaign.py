@@ -177,6 +177,10 @@ def _assemble(
     )
     samples = motion.read_attitude(files["attitude.file"], config.attitude, scale, notices)
     notices += _rounded(config.mounting, path)
+    if config.earth is not None and orientation is None:
+        notices.append(
+            f"{path}: earth.orientation_file is not used, since no frame of the campaign is inertial"
+        )
     prior, switches = config.mounting.sigma_arcsec, config.corrections
     campaign = Campaign(
         name=config.campaign.name,

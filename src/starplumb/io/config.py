@@ -167,6 +167,11 @@ class EphemerisConfig(Section):
         default=None, description="the satellite's name or number in a file that holds several"
     )
 
+    @classmethod
+    def rules(cls, given: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+        if "object" in given and str(given.get("file", "")).lower().endswith(".csv"):
+            yield "object", "found beside a CSV table, wanted it with a file that names its satellites only"
+
 
 class AttitudeConfig(Section):
     """[attitude]: the quaternion takes ``from`` to ``to``; one of them is GCRF or ITRF."""

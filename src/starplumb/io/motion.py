@@ -41,6 +41,8 @@ class AttitudeSamples:
     q_EF: Array
     frame: Literal["GCRF", "ITRF"]
     sigma: Array | None
+    name: str
+    starts: tuple[int, ...] = ()
 
 
 def read_ephemeris(
@@ -75,7 +77,8 @@ def read_ephemeris(
     if orientation is not None and table.frame == "GCRF":
         r_J, v_J = earth_fixed(path, table, orientation)
     try:
-        return Ephemeris(table.t_ns, r_J, v_J, config.max_gap_s)
+        starts = tuple(start for start, _ in table.segments[1:])
+        return Ephemeris(table.t_ns, r_J, v_J, config.max_gap_s, str(path), starts)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
 
@@ -184,7 +187,7 @@ def _csv_attitude(path: Path, config: AttitudeConfig, scale: str, notices: list[
             table.require(table.numbers[name] > 0.0, name, "a positive number of arcseconds")
         sigma = ARCSEC * table.columns(*SIGMA_ATTITUDE)
     q, frame = _to_tracker(q / norm[:, None], config.source, config.target)
-    return AttitudeSamples(t_ns, q, frame, sigma)
+    return AttitudeSamples(t_ns, q, frame, sigma, str(path))
 
 
 def _standard_attitude(
@@ -200,7 +203,8 @@ def _standard_attitude(
         if earth_frame(word) is None and word != stated:
             notices.append(f"{path}: took its frame {word} for {stated}, the name in the campaign")
     q, frame = _to_tracker(table.q_BA_xyzw, config.source, config.target)
-    return AttitudeSamples(table.t_ns, q, frame, None)
+    starts = tuple(start for start, _ in table.segments[1:])
+    return AttitudeSamples(table.t_ns, q, frame, None, str(path), starts)
 
 
 def _to_tracker(q: Array, source: str, target: str) -> tuple[Array, Literal["GCRF", "ITRF"]]:
@@ -217,7 +221,9 @@ def attitude_series(
 ) -> Attitude:
     """The series that interpolates the samples."""
     inertial = orientation if samples.frame == "GCRF" else None
-    return Attitude(samples.t_ns, samples.q_EF, samples.frame, inertial, config.max_gap_s)
+    return Attitude(
+        samples.t_ns, samples.q_EF, samples.frame, inertial, config.max_gap_s, samples.name, samples.starts
+    )
 
 
 def sigma_at(samples: AttitudeSamples, t_ns: Epochs) -> Array | None:

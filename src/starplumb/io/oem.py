@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +22,7 @@ from starplumb.io.ccsds_message import (
     time_scale,
     usable,
 )
+from starplumb.io.frames import earth_frame
 from starplumb.io.series_tables import EphemerisTable
 
 OEM = Dialect(
@@ -53,8 +53,6 @@ OEM = Dialect(
     ),
 )
 _KM = 3
-_EARTH_FIXED = re.compile(r"ITRF[ _-]?(\d\d|\d{4})?|WGS[ _-]?84")
-_INERTIAL = re.compile(r"GCRF\d?|ICRF\d?|EME2000|J2000")
 _ACCEPTED = "ITRF or one of its realisations (ITRF-97, ITRF2014 ...), WGS84, GCRF, ICRF, EME2000 or J2000"
 
 
@@ -103,10 +101,8 @@ def _frame(message: Message, segment: Segment) -> str:
     if center.text.upper() != "EARTH":
         raise message.error(center.line, f"CENTER_NAME is {center.text!r}, EARTH is wanted")
     frame = segment.meta["REF_FRAME"]
-    if _EARTH_FIXED.fullmatch(frame.text.upper()):
-        return "ITRF"
-    if _INERTIAL.fullmatch(frame.text.upper()):
-        return "GCRF"
+    if (known := earth_frame(frame.text)) is not None:
+        return known
     raise message.error(frame.line, f"REF_FRAME is {frame.text!r}, wanted {_ACCEPTED}")
 
 
