@@ -111,7 +111,8 @@ def read_images(path: Path, scale: str, scans: bool, notices: list[str]) -> Imag
     if scans and period is None:
         raise InputError(f"{path}: found no column line_period_s, wanted it for a line-scan camera")
     if scans and period is not None:
-        table.require(period > 0.0, "line_period_s", "a positive number of seconds")
+        wanted = "a positive number of seconds (negative where later rows are exposed earlier)"
+        table.require(period != 0.0, "line_period_s", wanted)
     elif period is not None:
         notices.append(f"{path}: ignored the column line_period_s, which a frame camera has not")
         period = None
