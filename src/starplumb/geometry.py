@@ -105,7 +105,7 @@ def observe(campaign: Campaign) -> Observations:
         cov_landmark_J=campaign.landmarks.covariance_J,
         corrections=campaign.corrections,
         prior_E=None if prior is None else np.diag(prior**2),
-        epoch_s=1e-9 * (campaign.images.t_ns - campaign.images.t_ns[:1]),
+        epoch_s=np.asarray((campaign.images.t_ns - campaign.images.t_ns[:1]) / 1e9),
     )
 
 

@@ -19,14 +19,15 @@ Array = NDArray[np.float64]
 class CrossProduct:
     """Measured less predicted unit vectors, ``e_K - e_K* = Phi(e_K) theta`` (30), for each marker.
 
-    ``Gamma theta = g`` (31) with ``Gamma = sum Phi^2(e_K)``, ``g = -sum Phi(e_K) e_K*``.  Gamma is negative semidefinite
-    (``Phi^2 = -Phi^T Phi``): both signs are turned, ``sum Phi^T Phi theta = sum Phi^T (e_K - e_K*)``, before it is solved.
-    (30) is printed without theta behind ``Phi(e_K)``.
+    ``Gamma theta = g`` (31) with ``Gamma = sum Phi^2(e_K)``, ``g = -sum Phi(e_K) e_K*``.  Gamma is negative
+    semidefinite (``Phi^2 = -Phi^T Phi``): both signs are turned, ``sum Phi^T Phi theta = sum Phi^T (e_K -
+    e_K*)``, before it is solved. (30) is printed without theta behind ``Phi(e_K)``.
 
-    Mapping: by (24) its theta has our sign, ``Q = (E - Phi(theta)) Q*`` gives ``d_E = C_EK theta``; cross products do not
-    ask which way the camera looks, so K's own axes serve.
+    Mapping: by (24) its theta has our sign, ``Q = (E - Phi(theta)) Q*`` gives ``d_E = C_EK theta``; cross
+    products do not ask which way the camera looks, so K's own axes serve.
 
-    One linear step as published, biased by ``1/2 theta_z (z x theta)``; ``iterations`` re-linearise and remove that.
+    One linear step as published, biased by ``1/2 theta_z (z x theta)``; ``iterations`` re-linearise and
+    remove that.
     """
 
     iterations: int = 1

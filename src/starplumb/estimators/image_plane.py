@@ -1,4 +1,4 @@
-"""Algorithm 3 of Lebedev and Tkachenko (2012), equations (19)-(22): linear least squares in the image plane."""
+"""Algorithm 3 of Lebedev and Tkachenko (2012), equations (19)-(22): linear least squares in the image."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class ImagePlane:
-    """Predicted less measured image coordinates, ``q = (x - x', y - y') = G theta``, in units of the focal length.
+    """Predicted less measured image coordinates, ``q = (x - x', y - y') = G theta``, in focal lengths.
 
     ``(x, y)`` of (20) are predicted through the model mounting, ``(x', y')`` measured.  From (19),
     ``s = (E - Phi(theta)) s'``, follows to first order (F = 1)::
@@ -28,11 +28,11 @@ class ImagePlane:
 
     (21) prints the third column as ``(-x', y')``; that loses the angle about the boresight.
 
-    Mapping: the source's camera is ours turned by pi about x, ``(x', y') = (x_K, -y_K)``, and its theta takes the camera
-    back, ``d_E = -C_EK D theta`` with ``D = diag(1, -1, -1)``.
+    Mapping: the source's camera is ours turned by pi about x, ``(x', y') = (x_K, -y_K)``, and its theta
+    takes the camera back, ``d_E = -C_EK D theta`` with ``D = diag(1, -1, -1)``.
 
-    One linear step as published, biased by ``1/2 theta_z (z x theta)``; ``iterations`` re-linearise and remove that.
-    Weights know nothing of errors that an image shares; the stated covariance does.
+    One linear step as published, biased by ``1/2 theta_z (z x theta)``; ``iterations`` re-linearise and
+    remove that. Weights know nothing of errors that an image shares; the stated covariance does.
     """
 
     iterations: int = 1

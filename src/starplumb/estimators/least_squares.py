@@ -17,13 +17,13 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class LeastSquares:
-    """Model less true direction of every marker, ``e_J* - e_J = G theta_E`` (2), all equations with the same weight.
+    """Model less true direction of every marker, ``e_J* - e_J = G theta_E`` (2), all weighted alike.
 
-    ``e_J* = C_JE C_EK* e_K`` and ``G = -C_JE Phi(e_E*)``.  Turning all three equations of a marker by C_EJ changes no
-    least squares, so they are written in E: ``C_EK* e_K - e_E = -Phi(C_EK* e_K) theta_E``.
+    ``e_J* = C_JE C_EK* e_K`` and ``G = -C_JE Phi(e_E*)``.  Turning all three equations of a marker by C_EJ
+    changes no least squares, so they are written in E: ``C_EK* e_K - e_E = -Phi(C_EK* e_K) theta_E``.
 
-    Mapping: theta_E is ours, ``C_EK* = (E + Phi(theta_E)) C_EK`` (1); the correction is ``d_E = -theta_E``, applied as an
-    exact rotation.  Two iterations, as published.
+    Mapping: theta_E is ours, ``C_EK* = (E + Phi(theta_E)) C_EK`` (1); the correction is ``d_E = -theta_E``,
+    applied as an exact rotation.  Two iterations, as published.
     """
 
     iterations: int = 2

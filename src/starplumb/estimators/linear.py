@@ -1,8 +1,8 @@
-"""What the published linear methods share: normal equations, their accumulation, and the errors behind the answer.
+"""What the published linear methods share: normal equations, their sums, and the errors of the answer.
 
-A method writes its equations in the letters of its source, ``q = G theta``.  To first order in the error of the mounting
-and of the data, every such q is a combination ``q = S F`` of the tangents' residual F of :mod:`starplumb.model`, so that a
-method's answer is a linear gain upon F, whatever the method::
+A method writes its equations in the letters of its source, ``q = G theta``.  To first order in the error of
+the mounting and of the data, every such q is a combination ``q = S F`` of the tangents' residual F of
+:mod:`starplumb.model`, so that a method's answer is a linear gain upon F, whatever the method::
 
     theta = N^-1 y,   N = sum G_k^T G_k,   y = sum G_k^T q_k,   d_E = T theta,   gain = T N^-1 G_k^T S_k
 """
@@ -25,11 +25,11 @@ from .protocol import AlignmentEstimate, Status
 Array = NDArray[np.float64]
 Bool = NDArray[np.bool_]
 CovarianceKind = Literal["stated", "naive", "none"]
-"""``stated``: every stated error through the method's own gain.  ``naive``: what the textbook gives, the equations
-independent and as noisy as their residuals.  ``none``: not computed (twice as fast)."""
+"""``stated``: every stated error through the method's own gain.  ``naive``: what the textbook gives, the
+equations independent and as noisy as their residuals.  ``none``: not computed (twice as fast)."""
 
 SOURCE_AXES = np.array([1.0, -1.0, -1.0])
-"""Diagonal of the turn by pi about x from our K (z ahead, y down) to the sources' camera, ``s = [x, y, -F]`` (y up)."""
+"""Diagonal of the turn by pi about x from our K (z ahead) to the sources' camera, ``s = [x, y, -F]``."""
 STEP_LIMIT = 0.5
 """A last step beyond this, rad, is none that a linearisation can vouch for."""
 
@@ -38,8 +38,9 @@ STEP_LIMIT = 0.5
 class Equations:
     """Linear equations of n sightings, r scalar ones each: ``q = G theta``.
 
-    ``q`` (..., n, r), ``G`` (..., n, r, 3); ``S`` (..., n, r, 2) = dq / dF with F the predicted less the measured tangents
-    in K; ``T`` (..., 3, 3) turns theta, in its method's axes and sign, into the correction d_E.
+    ``q`` (..., n, r), ``G`` (..., n, r, 3); ``S`` (..., n, r, 2) = dq / dF with F the predicted less the
+    measured tangents in K; ``T`` (..., 3, 3) turns theta, in its method's axes and sign, into the
+    correction d_E.
     """
 
     q: Array
@@ -66,11 +67,14 @@ class Normal:
 
     @classmethod
     def of(cls, equations: Equations, weight: Array) -> Normal:
-        """All at once: ``sum w_k G_k^T G_k`` and ``sum w_k G_k^T q_k`` over the sightings, weights (..., n)."""
+        """All at once: ``sum w_k G_k^T G_k`` and ``sum w_k G_k^T q_k``, weights (..., n)."""
         G = equations.G
         rows = (*np.broadcast_shapes(G.shape[:-3], weight.shape[:-1]), G.shape[-3] * G.shape[-2])
         weighted = (weight[..., None, None] * G).reshape(*rows, 3)
-        G, q = G.reshape(*G.shape[:-3], rows[-1], 3), equations.q.reshape(*equations.q.shape[:-2], rows[-1], 1)
+        G, q = (
+            G.reshape(*G.shape[:-3], rows[-1], 3),
+            equations.q.reshape(*equations.q.shape[:-2], rows[-1], 1),
+        )
         return cls(weighted.mT @ G, (weighted.mT @ q)[..., 0])
 
     def __add__(self, other: Normal) -> Normal:
@@ -83,7 +87,7 @@ class Normal:
 
 
 def accumulate(equations: Equations, weight: Array) -> Iterator[Normal]:
-    """The sources' recursion, ``B_n = B_{n-1} + G_n^T G_n``, ``y_n = y_{n-1} + G_n^T q_n``: the sums after each sighting."""
+    """The sums after each sighting, (18): ``B_n = B_{n-1} + G_n^T G_n``, ``y_n = y_{n-1} + G_n^T q_n``."""
     total = Normal.of(equations.sighting(0), weight[..., :1])
     yield total
     for k in range(1, equations.q.shape[-2]):
@@ -92,10 +96,11 @@ def accumulate(equations: Equations, weight: Array) -> Iterator[Normal]:
 
 
 def invert_symmetric(N: Array) -> tuple[Array, Bool]:
-    """Inverse of symmetric positive semidefinite N (..., 3, 3) by cofactors, and where N is singular (inverse zero).
+    """Inverse of symmetric N >= 0 (..., 3, 3) by cofactors, and where N is singular (inverse zero).
 
-    With e1, e2, e3 the symmetric functions of the eigenvalues the smallest lies within ``e3/e2 .. 3 e3/e2``: N is
-    singular where that is lost in the rounding of the largest, e1 (two sightings closer than 0.06 arcsec).
+    With e1, e2, e3 the symmetric functions of the eigenvalues the smallest lies within e3/e2 .. 3 e3/e2: N
+    is singular where that is lost in the rounding of the largest, e1 (two sightings closer than 0.06
+    arcsec).
     """
     a, b, c, d, e, f = N[..., 0, 0], N[..., 0, 1], N[..., 0, 2], N[..., 1, 1], N[..., 1, 2], N[..., 2, 2]
     A, B, C = d * f - e * e, c * e - b * f, b * e - c * d
@@ -123,11 +128,11 @@ def direction_slope(xy_K: Array, e_K: Array) -> Array:
 def estimate(
     method: Method, observations: Observations, C_EK: Array, iterations: int, covariance: CovarianceKind
 ) -> AlignmentEstimate:
-    """``iterations`` linear steps of a method, each about the mounting corrected exactly by the last, ``C <- exp(d_E) C``.
+    """Linear steps of a method, each about the mounting that the last corrected, ``C <- exp(d_E) C``.
 
-    The covariance belongs to the last step, to first order in it.  Status: SINGULAR where the equations, or by the
-    covariance the observations, do not fix the alignment; NOT_CONVERGED where the last step is beyond linearising or a
-    marker ends up behind the camera.
+    The covariance belongs to the last step, to first order in it.  Status: SINGULAR where the equations, or
+    by the covariance the observations, do not fix the alignment; NOT_CONVERGED where the last step is
+    beyond linearising or a marker ends up behind the camera.
     """
     if iterations < 1:
         raise ValueError(f"iterations: found {iterations}, wanted at least 1")
@@ -159,15 +164,16 @@ def gains(equations: Equations, inverse: Array, weight: Array) -> Array:
 
 
 def propagate(observations: Observations, C_EK: Array, gain: Array) -> tuple[Array, Bool]:
-    """Covariance (..., 3, 3) that the stated errors give an answer with the given gain upon the tangents' residual F.
+    """Covariance (..., 3, 3) that the stated errors give an answer with this gain upon the residual F.
 
-    With ``F = B z`` and ``z = H (theta_E - alpha_E) + R (rho_J - pi_J) + noise`` the error of the answer is a sum over
-    images and landmarks of what each of them adds through ALL its sightings::
+    With ``F = B z`` and ``z = H (theta_E - alpha_E) + R (rho_J - pi_J) + noise`` the error of the answer is
+    a sum over images and landmarks of what each of them adds through ALL its sightings, K = gain B::
 
-        sum_i A_i Cov(alpha_i) A_i^T + U_i Cov(rho_i) U_i^T + sum_l U_l Cov(pi_l) U_l^T + sum_k sigma_k^2 K_k K_k^T,
-        K = gain B,   A_i = sum K_k H_k,   U_i = sum K_k R_k over the sightings of image i,   U_l of landmark l
+        sum_i [A_i Cov(alpha_i) A_i^T + U_i Cov(rho_i) U_i^T] + sum_l U_l Cov(pi_l) U_l^T
+            + sum_k sigma_k^2 K_k K_k^T,   A = sum K_k H_k,   U = sum K_k R_k,
 
-    Also whether every marker seen lies in front of the camera (...,).
+    sums over the sightings of image i or landmark l; errors ``common_px`` likewise over all sightings.
+    Also whether every marker seen lies in front of the camera (...).
     """
     o, model = observations, linearise(observations, C_EK)
     K = gain @ model.B
@@ -175,6 +181,9 @@ def propagate(observations: Observations, C_EK: Array, gain: Array) -> tuple[Arr
     total = _sandwich(_sum_by(K @ model.H, o.image, o.n_images), o.cov_attitude_E)
     total = total + _sandwich(_sum_by(KR, o.image, o.n_images), o.cov_position_J)
     total = total + _sandwich(_sum_by(KR, o.landmark, o.n_landmarks), o.cov_landmark_J)
+    if o.common_px is not None:
+        common = np.sum(K @ o.common_px, axis=-3)
+        total = total + common @ common.mT
     noise = (o.sigma_px[..., None, None] * K).swapaxes(-3, -2)
     noise = noise.reshape(*noise.shape[:-2], -1)
     return total + noise @ noise.mT, np.all(model.in_front | (o.weight == 0.0), axis=-1)
@@ -199,7 +208,7 @@ def _sandwich(A: Array, covariance: Array) -> Array:
 
 
 def _naive(equations: Equations, theta: Array, inverse: Array, weight: Array) -> Array:
-    """``s^2 T N^-1 T^T`` with ``s^2 = sum w |q - G theta|^2 / (2 n - 3)``: errors that are shared count as independent."""
+    """``s^2 T N^-1 T^T``, ``s^2 = sum w |q - G theta|^2 / (2 n - 3)``: as if no error were shared."""
     v = equations.q - (equations.G @ theta[..., None, :, None])[..., 0]
     dof = 2.0 * np.sum(weight > 0.0, axis=-1) - 3.0
     variance = np.sum(weight * np.sum(v * v, axis=-1), axis=-1) / np.where(dof > 0.0, dof, np.nan)

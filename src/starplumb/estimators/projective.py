@@ -1,4 +1,4 @@
-"""Algorithm 1 of Lebedev and Tkachenko (2012), equations (2)-(13): a projective map of eight parameters for each image."""
+"""Algorithm 1 of Lebedev and Tkachenko (2012), equations (2)-(13): a projective map for each image."""
 
 from __future__ import annotations
 
@@ -22,42 +22,42 @@ Index = NDArray[np.int64]
 MIN_MARKERS = 4
 """Eight parameters, two equations a marker."""
 
-# d c_1 and d c_2, first two columns of C' times q, by (a_1 .. a_8), F = 1: (a_1, a_4, -a_7) and (a_2, a_5, -a_8)
+# q c_1 = (a_1, a_4, -a_7) and q c_2 = (a_2, a_5, -a_8) of (a_1 .. a_8), F = 1
 _FIRST, _SECOND = np.zeros((3, 8)), np.zeros((3, 8))
 _FIRST[[0, 1, 2], [0, 3, 6]] = _SECOND[[0, 1, 2], [1, 4, 7]] = 1.0, 1.0, -1.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class ProjectiveEstimate(AlignmentEstimate):
-    """Also where each image was taken from by itself: ``r_J`` (..., m, 3) m, NaN for an image that could not be solved."""
+    """Also where each image was taken from: ``r_J`` (..., m, 3) m, NaN for one that was left out."""
 
     r_J: Array
 
 
 @dataclass(frozen=True)
 class Projective:
-    """Attitude and position of each image from the map between its markers and their images; no orbit, no prior.
+    """Attitude and position of each image from the map between its markers and their images alone.
 
-    Markers (X, Y, 0) in the level frame T about their mean, seen at ``(x*, y*) = (X, Y) / Z*`` by a camera straight above
-    (6), (7), appear at ``x = (a_1 x* + a_2 y* + a_3) / (a_7 x* + a_8 y* + 1)``, y with a_4, a_5, a_6 (8).  The eight are
-    fitted to (12) by least squares and taken apart by (11), F = 1::
+    Markers (X, Y, 0) in the level frame T about their mean, seen at ``(x*, y*) = (X, Y) / Z*`` by a camera
+    straight above (6), (7), appear at ``x = (a_1 x* + a_2 y* + a_3) / (a_7 x* + a_8 y* + 1)``, y with a_4,
+    a_5, a_6 (8).  The eight are fitted to (12) by least squares and taken apart by (11), F = 1::
 
-        c_1 = (a_1, a_4, -a_7)/q,   c_2 = (a_2, a_5, -a_8)/q,   c_3 = c_1 x c_2,   r_E = Z*/q (-a_3, -a_6, 1),   q ~ |a|
+        c_1 = (a_1, a_4, -a_7)/q,   c_2 = (a_2, a_5, -a_8)/q,   c_3 = c_1 x c_2,   r_E = Z*/q (-a_3, -a_6, 1)
 
-    The constraints (10), |c_1| = |c_2| and c_1 . c_2 = 0, hold but for noise: q is the mean of the two lengths and C' the
-    nearest rotation.  ``C_EK = C_EJ C_JT C'^T D``, (13).
+    The constraints (10), |c_1| = |c_2| and c_1 . c_2 = 0, hold but for noise: q is the mean of the two
+    lengths and C' the nearest rotation.  ``C_EK = C_EJ C_JT C'^T D``, (13).
 
     ``heights="removed"`` carries each marker along the line of sight from the measured position onto Z = 0;
     ``"ignored"``, as published, drops its Z and is biased by hundreds of arcsec where the ground is not flat.
-    A scanner's rows are first turned and shifted to its first sighting by the measured motion; since the turn needs the
-    mounting, that converges with ``iterations``.
+    A scanner's rows are first turned and shifted to its first sighting by the measured motion; since the
+    turn needs the mounting, that converges with ``iterations``.
 
     Mapping: the source's camera is ours turned by pi about x, ``D = diag(1, -1, -1)``.
 
-    Images with fewer than four markers, or none off a line, are left out; the others' corrections are averaged, each with
-    the inverse of the variance that equal noise in its markers gives it.  SINGULAR where no image is left.
-    Tilt trades against position (nothing else holds either), so about x and y it is some hundred times worse than
-    the methods that use the orbit.
+    Images with fewer than four markers, or none off a line, are left out; the others' corrections are
+    averaged, each with the inverse of the variance that equal noise in its markers gives it.  SINGULAR
+    where no image is left. Tilt trades against position (nothing else holds either), so about x and y it is
+    some hundred times worse than the methods that use the orbit.
     """
 
     heights: Literal["removed", "ignored"] = "removed"
@@ -108,9 +108,10 @@ class Projective:
         )
 
     def _plane(self, o: Observations) -> tuple[Array, Array, Array, Array]:
-        """Level frame C_JT and origin_J about the markers' mean, the markers in its plane (..., n, 2) m, and Z* (...) m.
+        """Level frame C_JT and origin_J about the markers' mean, markers in its plane, m, and Z*, m.
 
-        A marker stands where it appears to be, at its range along the apparent direction: light effects are in it.
+        A marker stands where it appears to be, at its range along the apparent direction: light effects are
+        in it.
         """
         r_J = o.r_J[..., :1, :]
         p_J = r_J + o.range_m[..., None] * (o.e_E[..., None, :] @ o.C_EJ)[..., 0, :]
@@ -129,7 +130,7 @@ class Projective:
 
 @dataclass(frozen=True)
 class _Fit:
-    """Correction d_E (..., 3) of one image, its gain (..., n_i, 3, 2) upon the tangents' residual, and its position."""
+    """One image: correction d_E (..., 3), its gain (..., n_i, 3, 2) upon the tangents' residual, position."""
 
     image: int
     rows: Index
@@ -148,7 +149,7 @@ def _turned(o: Observations, C_EK: Array, C_first: Array) -> Array:
 
 
 def _map(seen: Array, xy: Array, weight: Array) -> tuple[Array, Array, Bool]:
-    """Least squares of (12): a (..., 8), the pseudoinverse (..., 8, 2 n) that gave it, and whether it is determined.
+    """Least squares of (12): a (..., 8), the pseudoinverse (..., 8, 2 n) behind it, whether it is determined.
 
     Columns are scaled to length 1; a ratio of singular values below 1e-9 is rounding (markers on a line).
     """
@@ -183,7 +184,8 @@ def _decompose(a: Array) -> tuple[Array, Array]:
 def _turn_by_parameters(C: Array, q: Array) -> Array:
     """d phi / d a (..., 3, 8) of the nearest rotation, ``C' <- C' (E + Phi(phi))``.
 
-    ``phi = (c_3 . dc_2, -c_3 . dc_1, (c_2 . dc_1 - c_1 . dc_2)/2)``: the nearest rotation takes the antisymmetric part.
+    ``phi = (c_3 . dc_2, -c_3 . dc_1, (c_2 . dc_1 - c_1 . dc_2)/2)``: the nearest rotation takes the
+    antisymmetric part.
     """
     by_first, by_second = C.mT @ _FIRST, C.mT @ _SECOND
     phi = [by_second[..., 2, :], -by_first[..., 2, :], 0.5 * (by_first[..., 1, :] - by_second[..., 0, :])]

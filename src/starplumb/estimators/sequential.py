@@ -1,0 +1,207 @@
+"""The recursive estimator that (32) of Lebedev and Tkachenko (2012) leaves open: a Kalman filter over the
+images."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import so3
+from ..adjustment import Adjustment, solve, square_root
+from ..model import linearise
+from ..observations import Observations
+from .gls import SINGULAR_SIGMA
+from .protocol import AlignmentEstimate, Status
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+ANY_ROTATION = np.pi
+"""Sigma, rad, of a mounting of which nothing is known: no rotation is larger."""
+LOCAL_STEPS = 3
+"""Linearisations of an image as it comes in: from 1 deg off the third is at rounding."""
+
+
+@dataclass(frozen=True)
+class State:
+    """What is known after some images.
+
+    The mounting ``C_EK`` (..., 3, 3); the errors ``u`` (..., 3 q + p) that images share, in units of their
+    stated sigma: of the q landmarks seen more than once, and the p of ``common_px``; the joint
+    ``information`` (..., k, k), k = 3 + 3 q + p, of (small rotation about E, u).
+    """
+
+    C_EK: Array
+    u: Array
+    information: Array
+
+    @property
+    def covariance_E(self) -> Array:
+        return np.asarray(np.linalg.inv(self.information)[..., :3, :3])
+
+
+@dataclass(frozen=True)
+class Sequential:
+    """Multiplicative Kalman filter of a constant or slowly drifting mounting, image after image.
+
+    (32), ``x' = A(t) x``, ``y = H(t) x``, gives no A and no H; here x is the small rotation of the mounting
+    about E with ``A = 0`` and white process noise of density Q = ``drift**2`` (rad^2/s about E's axes), H
+    that of the measurement equation. Between images the covariance grows, at an image the information does,
+    in information form so that a prior is not needed::
+
+        P <- P + Q dt,   L = P^-1 <- L + H^T V^-1 H,   x = -L^-1 H^T V^-1 z,   C_EK <- exp(x) C_EK
+
+    V holds what an image's markers share (attitude, position), by the adjustment of
+    :mod:`starplumb.adjustment`. A landmark seen in more than one image carries its place error from one to
+    the next, as do the errors ``common_px``: they are part of the state, so that the filter of a constant
+    mounting is :class:`Gls` whatever the campaign (to 1e-6 of a sigma after two passes). Its cost grows with
+    the cube of their number.
+
+    ``passes``: the first runs as in flight, each image linearised, thrice, at what is known with it;
+    another runs again with all images linearised at the last answer.  ``prior_sigma`` (rad about E) of the
+    model mounting, by default the table's ``prior_E``, or none.  Images come in the order of ``epoch_s``,
+    which a drift needs, else of their index.
+
+    Sign and frame are ours throughout. The estimate is the mounting at the last image.
+    """
+
+    drift: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    prior_sigma: tuple[float, float, float] | None = None
+    passes: int = 2
+
+    def __call__(self, observations: Observations, C_EK: Array) -> AlignmentEstimate:
+        o = observations
+        if self.passes < 1:
+            raise ValueError(f"passes: found {self.passes}, wanted at least 1")
+        batch = np.broadcast_shapes(o.batch, C_EK.shape[:-2])
+        C_EK = np.broadcast_to(C_EK, (*batch, 3, 3))
+        reference: Array | None = None
+        for _ in range(self.passes):
+            state, chi2 = self._start(o, C_EK), np.zeros(batch)
+            for after, cost in self._images(o, state, reference):
+                state, chi2 = after, chi2 + cost
+            reference = state.C_EK
+        P = state.covariance_E
+        known = np.trace(P, axis1=-2, axis2=-1) < SINGULAR_SIGMA**2
+        status = np.where(known, int(Status.OK), int(Status.SINGULAR))
+        status[known & ~np.isfinite(chi2)] = int(Status.NOT_CONVERGED)
+        seen = np.broadcast_to(np.sum(o.weight > 0.0, axis=-1), batch)
+        dof = 2 * seen - (3 if self._prior(o) is None else 0)
+        P = np.where(known[..., None, None], P, np.inf)
+        return AlignmentEstimate(state.C_EK, P, status, np.full(batch, self.passes), chi2, dof)
+
+    def track(self, observations: Observations, C_EK: Array) -> Iterator[State]:
+        """The state after each image in time order, as in flight (one pass)."""
+        batch = np.broadcast_shapes(observations.batch, C_EK.shape[:-2])
+        start = self._start(observations, np.broadcast_to(C_EK, (*batch, 3, 3)))
+        return (state for state, _ in self._images(observations, start, None))
+
+    def _prior(self, o: Observations) -> Array | None:
+        return o.prior_E if self.prior_sigma is None else np.diag(np.square(self.prior_sigma))
+
+    def _start(self, o: Observations, C_EK: Array) -> State:
+        """Before the first image."""
+        prior = self._prior(o)
+        carried = 3 * _repeated(o).size + (0 if o.common_px is None else o.common_px.shape[-1])
+        information = np.eye(3 + carried)
+        information[:3, :3] = np.eye(3) / ANY_ROTATION**2 if prior is None else np.linalg.inv(prior)
+        batch = C_EK.shape[:-2]
+        return State(
+            C_EK, np.zeros((*batch, carried)), np.broadcast_to(information, (*batch, *information.shape))
+        )
+
+    def _images(
+        self, o: Observations, state: State, reference: Array | None
+    ) -> Iterator[tuple[State, Array]]:
+        """States after each image and what the image adds to chi-square; linearised at the reference or the
+        state."""
+        if any(self.drift) and o.epoch_s is None:
+            raise ValueError("a drifting mounting needs the epochs of the images, epoch_s of the table")
+        epoch_s = np.arange(o.n_images, dtype=np.float64) if o.epoch_s is None else o.epoch_s
+        repeated, last_s = _repeated(o), None
+        for image in np.argsort(epoch_s, kind="stable"):
+            rows = np.flatnonzero(o.image == image)
+            if rows.size == 0:
+                continue
+            if last_s is not None:
+                state = self._predict(state, epoch_s[image] - last_s)
+            last_s = epoch_s[image]
+            part = _one_image(o, rows, image, repeated)
+            before, C_lin = state, state.C_EK if reference is None else reference
+            for _ in range(LOCAL_STEPS if reference is None else 1):
+                state, cost = _update(part, o, rows, repeated, before, C_lin)
+                C_lin = state.C_EK
+            yield state, cost
+
+    def _predict(self, state: State, dt_s: float) -> State:
+        """``P <- P + Q dt`` as ``L <- L (E + Q dt L)^-1``, which an L without inverse survives."""
+        if not any(self.drift):
+            return state
+        Q = np.zeros(state.information.shape[-1])
+        Q[:3] = np.square(self.drift) * dt_s
+        L = state.information
+        grown = np.linalg.solve(np.eye(Q.size) + L * Q, L)  # (E + L Q)^-1 L = L (E + Q L)^-1
+        return replace(state, information=0.5 * (grown + grown.mT))
+
+
+def _repeated(o: Observations) -> Index:
+    """Landmarks seen more than once."""
+    return np.flatnonzero(np.bincount(o.landmark, minlength=o.n_landmarks) > 1)
+
+
+def _one_image(o: Observations, rows: Index, image: int, repeated: Index) -> Observations:
+    """The table of one image, its landmarks' place errors only where no other image shares them."""
+    shared = np.isin(np.arange(o.n_landmarks), repeated)[:, None, None]
+    one = slice(image, image + 1)
+    return replace(
+        o.select(rows),
+        image=np.zeros_like(rows),
+        cov_attitude_E=o.cov_attitude_E[..., one, :, :],
+        cov_position_J=o.cov_position_J[..., one, :, :],
+        cov_landmark_J=np.where(shared, 0.0, o.cov_landmark_J),
+        epoch_s=None,
+        common_px=None,
+    )
+
+
+def _update(
+    part: Observations, o: Observations, rows: Index, repeated: Index, state: State, C_lin: Array
+) -> tuple[State, Array]:
+    """One image, linearised at C_lin: state after it and its share of chi-square.
+
+    The mounting is exp(x) C_lin; what was known says ``c + J^-1 x ~ N(0, .)`` with ``c = log(C_lin
+    C_EK^T)``, J the left Jacobian of c.  The answer's information is turned to its own place by that of x.
+    """
+    model = linearise(part, C_lin)
+    S = square_root(o.cov_landmark_J)
+    batch = np.broadcast_shapes(model.H.shape[:-3], model.R.shape[:-3], S.shape[:-3], state.u.shape[:-1])
+    A = np.zeros((*batch, part.n, 2, 3 + state.u.shape[-1]))
+    A[..., :3] = model.H
+    for k in np.flatnonzero(np.isin(part.landmark, repeated)):
+        first = 3 + 3 * int(np.searchsorted(repeated, part.landmark[k]))
+        A[..., k, :, first : first + 3] = -model.R[..., k, :, :] @ S[..., part.landmark[k], :, :]
+    if o.common_px is not None:
+        A[..., 3 + 3 * repeated.size :] = o.common_px[..., rows, :, :]
+    c = so3.log(C_lin @ state.C_EK.mT)
+    known = _moved(state.information, so3.left_jacobian(c))
+    step = solve(part, model, A, known, np.concatenate([-c, state.u], axis=-1))
+    return _after(step, C_lin), step.chi2
+
+
+def _after(step: Adjustment, C_lin: Array) -> State:
+    x = step.x[..., :3]
+    turn = so3.left_jacobian(x)
+    return State(so3.exp(x) @ C_lin, step.x[..., 3:], _moved(step.information, turn))
+
+
+def _moved(information: Array, J: Array) -> Array:
+    """Information of (J x, u) where that of (x, u) is given: ``J^-T L J^-1`` on the rotation's rows and
+    columns."""
+    k = information.shape[-1]
+    T = np.zeros((*J.shape[:-2], k, k))
+    T[...] = np.eye(k)
+    T[..., :3, :3] = np.linalg.inv(J)
+    return np.asarray(T.mT @ information @ T)
