@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,6 +18,14 @@ J2_EARTH = 1.0826359e-3
 """Dynamical form factor (IERS Conventions 2010)."""
 EARTH_RADIUS = 6378136.6
 """Equatorial radius that goes with GM and J2 (IERS Conventions 2010), m."""
+
+
+class Orbit(Protocol):
+    """What a simulation asks of an orbit."""
+
+    def at(self, time_s: ArrayLike) -> tuple[Array, Array]:
+        """Inertial position r_I (..., 3) m and velocity v_I (..., 3) m/s, ``time_s`` (...) after its epoch."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -74,6 +83,15 @@ def _perifocal(node: Array, perigee: Array, i: float) -> tuple[Array, Array]:
     P = np.stack([cO * cw - sO * sw * ci, sO * cw + cO * sw * ci, sw * si], axis=-1)
     Q = np.stack([-cO * sw - sO * cw * ci, -sO * sw + cO * cw * ci, cw * si], axis=-1)
     return P, Q
+
+
+def argument_of_latitude(r_I: ArrayLike, v_I: ArrayLike) -> Array:
+    """Angle u (...), rad, from the ascending node to the satellite, of inertial states (..., 3)."""
+    r, v = np.asarray(r_I, dtype=np.float64), np.asarray(v_I, dtype=np.float64)
+    h = np.cross(r, v)
+    h = h / np.linalg.norm(h, axis=-1, keepdims=True)
+    # with i the inclination: r_z = r sin i sin u, and (z x h) . r = r sin i cos u
+    return np.asarray(np.arctan2(r[..., 2], h[..., 0] * r[..., 1] - h[..., 1] * r[..., 0]))
 
 
 def C_RO(r_R: ArrayLike, v_R: ArrayLike) -> Array:

@@ -41,9 +41,7 @@ def epochs_ns(epoch_ns: int, time_s: ArrayLike) -> Epochs:
     return epoch_ns + np.rint(1e9 * np.asarray(time_s, dtype=np.float64)).astype(np.int64)
 
 
-def fly(
-    orbit: Orbit, orientation: Orientation, epoch_ns: int, time_s: ArrayLike
-) -> tuple[Array, Array]:
+def fly(orbit: Orbit, orientation: Orientation, epoch_ns: int, time_s: ArrayLike) -> tuple[Array, Array]:
     """Earth-fixed r_J and v_J (relative to the turning Earth) along an inertial orbit, (..., 3) each."""
     r_I, v_I = orbit.at(time_s)
     C_JI = orientation.C_IJ(epochs_ns(epoch_ns, time_s)).mT
