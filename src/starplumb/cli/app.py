@@ -8,6 +8,8 @@ import typer
 
 from .. import __version__
 from .calibrate import calibrate
+from .compare import compare
+from .import_ import import_
 from .init import init
 from .locate import locate
 
@@ -35,5 +37,5 @@ def _options(
     pass
 
 
-for command in (init, calibrate, locate):
-    app.command()(command)
+for command in (init, import_, calibrate, compare, locate):
+    app.command(command.__name__.rstrip("_"))(command)

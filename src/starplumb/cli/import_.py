@@ -1,0 +1,133 @@
+"""``starplumb import``: a vendor's product into a campaign folder."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from .output import Json, Output, Quiet
+
+if TYPE_CHECKING:
+    from ..io.digitalglobe_geo import Optics
+
+
+class Source(StrEnum):
+    """Which attitude of a product to take."""
+
+    VENDOR = "vendor"
+    FILTERED = "filtered"
+    RAW = "raw"
+
+
+_SIGMA = "one number, or three with commas between"
+
+
+def import_(
+    product: Annotated[
+        Path,
+        typer.Argument(help="DIMAP or DigitalGlobe metadata (.XML, .IMD, .ATT, .EPH), or the folder that holds it."),
+    ],
+    folder: Annotated[Path, typer.Argument(help="Campaign folder to write.", metavar="DIR")],
+    attitude: Annotated[
+        Source, typer.Option("--attitude", help="The vendor's own, or the star tracker's quaternions (DIMAP).")
+    ] = Source.VENDOR,
+    sigma_m: Annotated[str | None, typer.Option("--sigma-m", help=f"Sigma of the position: {_SIGMA}.")] = None,
+    sigma_arcsec: Annotated[
+        str | None, typer.Option("--sigma-arcsec", help=f"Sigma of the attitude about x, y, z: {_SIGMA}.")
+    ] = None,
+    landmarks: Annotated[Path | None, typer.Option(help="Your landmarks table; needs --observations.")] = None,
+    observations: Annotated[Path | None, typer.Option(help="Your observations table; needs --landmarks.")] = None,
+    corners: Annotated[
+        str | None,
+        typer.Option("--corners", help="Take the product's corners as landmarks: SIGMA_M,SIGMA_PX.", metavar="M,PX"),
+    ] = None,
+    band: Annotated[str | None, typer.Option("--band", help="Band, where the product has several.")] = None,
+    image_id: Annotated[str | None, typer.Option("--image-id", help="Name of the image [default: the product's].")] = None,
+    principal_distance_mm: Annotated[
+        float | None, typer.Option(help="DigitalGlobe without .GEO: principal distance.")
+    ] = None,
+    detector_pitch_mm: Annotated[float | None, typer.Option(help="The same: pitch of the detectors.")] = None,
+    detector_origin_mm: Annotated[
+        str | None, typer.Option(help="The same: x,y of the first detector in the camera's axes.", metavar="X,Y")
+    ] = None,
+    json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Turn a vendor's product into a campaign: orbit, attitude, camera and time in declared units and frames.
+
+    Sigmas that the product does not state must be given: none is assumed.
+
+    Examples:
+
+      starplumb import DIM_PHR1B.XML pleiades --attitude raw --sigma-m 1 --sigma-arcsec 2,2,5
+
+      starplumb import product.IMD quickbird --corners 0.5,0.3 --principal-distance-mm 8836.202
+      --detector-pitch-mm 0.01191396 --detector-origin-mm 9.54684,164.02773
+    """
+    from ..io.product import import_product
+
+    speak = Output(json, quiet)
+    notices = import_product(
+        product,
+        folder,
+        attitude=attitude.value,
+        sigma_m=_sigma("--sigma-m", sigma_m),
+        sigma_arcsec=_sigma("--sigma-arcsec", sigma_arcsec),
+        optics=_optics(principal_distance_mm, detector_pitch_mm, detector_origin_mm),
+        band=band,
+        corners=_pair("--corners", corners),
+        landmarks=landmarks,
+        observations=observations,
+        image_id=image_id,
+    )
+    path = folder / "campaign.toml"
+    speak.notices(notices)
+    speak.document({"campaign": str(path), "notices": notices})
+    speak.show(f"wrote {path}", f"next: starplumb calibrate {path}")
+
+
+def _numbers(option: str, text: str, counts: tuple[int, ...], wanted: str) -> tuple[float, ...]:
+    from math import isfinite
+
+    from ..errors import InputError
+
+    try:
+        values = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        values = ()
+    if len(values) not in counts or not all(isfinite(value) for value in values):
+        raise InputError(f"{option}: found {text!r}, wanted {wanted}")
+    return values
+
+
+def _sigma(option: str, text: str | None) -> float | tuple[float, float, float] | None:
+    if text is None:
+        return None
+    values = _numbers(option, text, (1, 3), "one positive number, or three with commas between")
+    return values[0] if len(values) == 1 else (values[0], values[1], values[2])
+
+
+def _pair(option: str, text: str | None) -> tuple[float, float] | None:
+    if text is None:
+        return None
+    first, second = _numbers(option, text, (2,), "two numbers with a comma between")
+    return first, second
+
+
+def _optics(distance_mm: float | None, pitch_mm: float | None, origin_mm: str | None) -> Optics | None:
+    """The camera of a DigitalGlobe product whose .GEO is not at hand; all of it or nothing."""
+    from ..errors import InputError
+    from ..io.digitalglobe_geo import Optics
+
+    given = (distance_mm, pitch_mm, origin_mm)
+    if all(value is None for value in given):
+        return None
+    origin = _pair("--detector-origin-mm", origin_mm)
+    if distance_mm is None or pitch_mm is None or origin is None:
+        raise InputError(
+            "--principal-distance-mm, --detector-pitch-mm, --detector-origin-mm: found some of them, wanted all three"
+        )
+    return Optics(distance_mm, pitch_mm, origin)
