@@ -1,0 +1,414 @@
+"""DigitalGlobe products: the real one against the published mount, made-up ones against hand calculation."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from starplumb import so3
+from starplumb.campaign import Campaign, Landmarks, Sightings
+from starplumb.corrections import Corrections
+from starplumb.earth import itrf_to_geodetic
+from starplumb.errors import InputError
+from starplumb.estimators.gls import Gls
+from starplumb.geometry import locate, observe, project
+from starplumb.io.campaign import load_campaign
+from starplumb.io.digitalglobe import read_digitalglobe
+from starplumb.io.digitalglobe_geo import Optics
+from starplumb.io.product import import_product, read_product
+from starplumb.io.vendor import C_KV, Product
+from starplumb.units import ARCSEC
+
+Array = NDArray[np.float64]
+
+QUICKBIRD = Optics(principal_distance_mm=8836.202, pitch_mm=0.01191396, origin_mm=(9.54684, 164.02773))
+PUBLISHED_XYZW = (-0.0037369299279122, -0.0046602381421084, 0.0017171366422757, 0.9999806843019142)
+"""Camera to body, the vendor's own calibration (README of the product)."""
+
+
+@pytest.fixture(scope="module")
+def quickbird(shared_data: Path) -> Product:
+    return read_digitalglobe(next((shared_data / "quickbird2").glob("*.IMD")), QUICKBIRD)
+
+
+def _with_corners(product: Product, keep: list[int], corrections: Corrections | None = None) -> Campaign:
+    corners = product.corners
+    assert corners is not None
+    n = len(keep)
+    return replace(
+        product.campaign(),
+        landmarks=Landmarks(
+            tuple(corners.names[i] for i in keep), corners.r_J[keep], np.tile(0.01 * np.eye(3), (n, 1, 1))
+        ),
+        sightings=Sightings(
+            np.zeros(n, dtype=np.int64),
+            np.arange(n),
+            corners.column_px[keep],
+            corners.row_px[keep],
+            np.full(n, 0.1),
+            np.zeros(n, dtype=np.bool_),
+        ),
+        corrections=corrections or product.corrections,
+    )
+
+
+def _misses(product: Product, campaign: Campaign, C_EK: Array) -> Array:
+    corners = product.corners
+    assert corners is not None
+    met = locate(
+        campaign, C_EK, np.zeros(4, dtype=np.int64), corners.column_px, corners.row_px, corners.height
+    )
+    return np.asarray(np.linalg.norm(met - corners.r_J, axis=-1))
+
+
+def test_published_mount_from_the_four_corners(quickbird: Product) -> None:
+    campaign = _with_corners(quickbird, [0, 1, 2, 3])
+    assert campaign.corrections == Corrections(light_time=True, aberration=True)
+    assert np.mean(_misses(quickbird, campaign, campaign.C_EK)) == pytest.approx(5489.0, rel=0.01)
+    estimate = Gls()(observe(campaign), campaign.C_EK)
+    published = Rotation.from_quat(PUBLISHED_XYZW).as_matrix()
+    away = so3.log(estimate.C_EK @ C_KV @ published.T) / ARCSEC
+    np.testing.assert_allclose(away, [-0.22, 0.07, 0.06], atol=0.1)
+    assert _misses(quickbird, campaign, estimate.C_EK).mean() == pytest.approx(0.08, abs=0.02)
+
+
+def test_without_aberration_the_mount_is_five_arcsec_off(quickbird: Product) -> None:
+    campaign = _with_corners(quickbird, [0, 1, 2, 3], Corrections(light_time=True, aberration=False))
+    estimate = Gls()(observe(campaign), campaign.C_EK)
+    published = Rotation.from_quat(PUBLISHED_XYZW).as_matrix()
+    away = so3.log(estimate.C_EK @ C_KV @ published.T) / ARCSEC
+    np.testing.assert_allclose(away, [3.06, -4.01, 0.12], atol=0.3)
+
+
+@pytest.mark.parametrize("left_out", range(4))
+def test_each_corner_is_foretold_by_the_others(quickbird: Product, left_out: int) -> None:
+    campaign = _with_corners(quickbird, [i for i in range(4) if i != left_out])
+    estimate = Gls()(observe(campaign), campaign.C_EK)
+    assert _misses(quickbird, campaign, estimate.C_EK)[left_out] < 0.2
+
+
+def test_stated_covariances_become_sigmas(quickbird: Product) -> None:
+    # by hand from the .EPH: square roots of the diagonal 0.0013682569363, 0.0027674336307, 0.0049859896540
+    assert quickbird.sigma_position is not None
+    assert quickbird.sigma_attitude is not None
+    np.testing.assert_allclose(quickbird.sigma_position, [0.037, 0.0526, 0.0706], rtol=0.05)
+    np.testing.assert_allclose(quickbird.sigma_attitude / ARCSEC, [5.0, 5.0, 5.0], rtol=0.01)
+    np.testing.assert_allclose(quickbird.campaign(sigma_m=2.0).sigma_position, [2.0, 2.0, 2.0])
+
+
+def test_import_of_a_folder_with_its_corners(shared_data: Path, tmp_path: Path) -> None:
+    notices = import_product(
+        shared_data / "quickbird2", tmp_path / "out", optics=QUICKBIRD, corners=(0.5, 0.1)
+    )
+    assert any("its own corners are met within 55" in notice for notice in notices)
+    campaign = load_campaign(tmp_path / "out" / "campaign.toml").campaign
+    estimate = Gls()(observe(campaign), campaign.C_EK)
+    published = Rotation.from_quat(PUBLISHED_XYZW).as_matrix()
+    assert np.abs(so3.log(estimate.C_EK @ C_KV @ published.T)).max() < 0.4 * ARCSEC
+
+
+# --- made-up products: over the equator at longitude 0, 700 km high, flying north, looking straight down ---
+
+RADIUS, RATE = 6_378_137.0 + 700_000.0, 1.06e-3
+DOWN = Rotation.from_matrix([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
+"""Body to ITRF: x_V = z_J (north), y_V = y_J (east), z_V = -x_J (down)."""
+SIGMAS = np.array([2e-5, 3e-5, 7e-5])
+STEP, FIRST, N = 0.1, -2.0, 41
+
+
+def _att(q: Array | None = None) -> list[list[float]]:
+    """Rows of the attitude: a covariance whose small angles about the body's axes have SIGMAS, by differences."""
+    value = DOWN.as_quat() if q is None else q
+    h = 1e-6
+    turns = [Rotation.from_rotvec(-h * axis) for axis in np.eye(3)]
+    slope = np.stack([((DOWN * turn).as_quat() - DOWN.as_quat()) / h for turn in turns])
+    P = slope.T @ np.diag(SIGMAS**2) @ slope
+    return [[i + 1.0, *value, *P[np.triu_indices(4)]] for i in range(N)]
+
+
+def _eph() -> list[list[float]]:
+    rows = []
+    for i in range(N):
+        angle = RATE * (FIRST + STEP * i)
+        place = RADIUS * np.array([np.cos(angle), 0.0, np.sin(angle)])
+        speed = RATE * RADIUS * np.array([-np.sin(angle), 0.0, np.cos(angle)])
+        rows.append([i + 1.0, *place, *speed, 4.0, 0.0, 0.0, 9.0, 0.0, 16.0])
+    return rows
+
+
+SERIES = {"startTime": "2020-06-01T11:59:58.000000Z", "numPoints": str(N), "timeInterval": str(STEP)}
+FORWARD = ("2020-06-01T12:00:00.000000Z", [[0.0, 0.0], [1001.0, 1.001]])
+GEO: dict[str, object] = {
+    "PRINCIPAL_DISTANCE": {"pd": "10000.0"},
+    "OPTICAL_DISTORTION": {"polyOrder": "-1", "aList": [[0.0]], "bList": [[0.0]]},
+    "PERSPECTIVE_CENTER": {"cx": "0.0", "cy": "0.0", "cz": "0.0"},
+    "CAMERA_ATTITUDE": {"qcs1": "0", "qcs2": "0", "qcs3": "0", "qcs4": "1"},
+    "DETECTOR_MOUNTING": {
+        "BAND_P": {
+            "bandId": "P",
+            "DETECTOR_ARRAY_1": {
+                "detArrId": "1",
+                "detOriginX": "0.0",
+                "detOriginY": "100.0",
+                "detRotAngle": "0.0",
+                "detPitch": "0.1",
+            },
+        }
+    },
+}
+
+
+def _imd(
+    first_line: str = FORWARD[0], tlc: list[list[float]] = FORWARD[1], scan: str = "Forward"
+) -> dict[str, object]:
+    corner = {f"{name}{key}": "0.0" for name in ("UL", "UR", "LR", "LL") for key in ("Lon", "Lat", "HAE")}
+    return {
+        "bandId": '"P"',
+        "numRows": "1001",
+        "numColumns": "2001",
+        "BAND_P": corner,
+        "IMAGE_1": {
+            "satId": '"WV09"',
+            "scanDirection": f'"{scan}"',
+            "catId": '"ABC"',
+            "TLCTime": FORWARD[0],
+            "numTLC": str(len(tlc)),
+            "TLCList": tlc,
+            "firstLineTime": first_line,
+            "avgLineRate": "1000.0",
+            "positionKnowledgeSrc": '"R"',
+            "attitudeKnowledgeSrc": '"P"',
+        },
+    }
+
+
+def _parts() -> dict[str, dict[str, object]]:
+    return {
+        "IMD": _imd(),
+        "ATT": {**SERIES, "attList": _att()},
+        "EPH": {**SERIES, "ephemList": _eph()},
+        "GEO": GEO,
+    }
+
+
+def _pvl(group: dict[str, object]) -> str:
+    lines = []
+    for key, value in group.items():
+        if isinstance(value, dict):
+            lines.append(f"BEGIN_GROUP = {key}\n{_pvl(value)}END_GROUP = {key}\n")
+        elif isinstance(value, list):
+            rows = ",\n".join("(" + ", ".join(map(repr, map(float, row))) + ")" for row in value)
+            lines.append(f"{key} = (\n{rows});\n")
+        else:
+            lines.append(f"\t{key} = {value};\n")
+    return "".join(lines)
+
+
+def _xml(group: dict[str, object]) -> str:
+    text = ""
+    for name, value in group.items():
+        key = name.upper().removesuffix("_1")
+        if isinstance(value, dict):
+            text += f"<{key}>{_xml(value)}</{key}>"
+        elif isinstance(value, list):
+            rows = "".join(f"<{key}>{' '.join(map(repr, map(float, row)))}</{key}>" for row in value)
+            text += f"<{key}List>{rows}</{key}List>"
+        else:
+            text += f"<{key}>{str(value).strip(chr(34))}</{key}>"
+    return text
+
+
+def _write(tmp_path: Path, parts: dict[str, dict[str, object]], form: str = "text") -> Path:
+    if form == "xml":
+        path = tmp_path / "scene.XML"
+        path.write_text(f"<isd>{_xml(parts)}</isd>", encoding="utf-8")
+        return path
+    for suffix, part in parts.items():
+        (tmp_path / f"scene.{suffix}").write_text(_pvl(part) + "END;\n", encoding="utf-8")
+    return tmp_path / "scene.IMD"
+
+
+def _ground(product: Product, column: float, row: float) -> Array:
+    campaign = replace(product.campaign(), corrections=Corrections(False, False))
+    return locate(campaign, product.C_EK, np.zeros(1, dtype=np.int64), [column], [row], 0.0)[0]
+
+
+@pytest.mark.parametrize("form", ["text", "xml"])
+def test_axes_rows_and_columns_by_hand(tmp_path: Path, form: str) -> None:
+    """Straight down from (R, 0, 0): rows grow to the north with time, columns against y_V, to the west."""
+    product = read_product(_write(tmp_path, _parts(), form))
+    assert product.name == {"text": "scene", "xml": "ABC"}[form]
+    np.testing.assert_allclose(_ground(product, 1000.0, 0.0), [6_378_137.0, 0.0, 0.0], atol=1e-3)
+    for row in (1.0, 1000.0):
+        assert _ground(product, 1000.0, row)[2] == pytest.approx(RADIUS * np.sin(RATE * 1e-3 * row), abs=1e-3)
+    x, y, _ = _ground(product, 1100.0, 0.0)
+    assert y == pytest.approx(-0.1 * 100 / 10_000 * (RADIUS - x), rel=1e-9)
+    assert product.notices == (
+        f"{product.path}: {'ATTITUDEKNOWLEDGESRC' if form == 'xml' else 'attitudeKnowledgeSrc'} is P, not R (refined)",
+    )
+
+
+def test_covariances_of_quaternions_become_small_angles_about_the_body(tmp_path: Path) -> None:
+    product = read_digitalglobe(_write(tmp_path, _parts()))
+    np.testing.assert_allclose(product.sigma_attitude, SIGMAS, rtol=1e-5)
+    np.testing.assert_allclose(product.sigma_position, [2.0, 3.0, 4.0])
+    parts = _parts()
+    parts["ATT"]["attList"] = [[*row[:5], *np.zeros(10)] for row in _att()]
+    product = read_digitalglobe(_write(tmp_path, parts))
+    with pytest.raises(InputError, match="wanted sigma_arcsec from you"):
+        product.campaign()
+
+
+def test_scan_against_the_count_of_the_rows(tmp_path: Path) -> None:
+    """Row 1000 is exposed first: the campaign has a negative line period and the same ground."""
+    parts = _parts()
+    parts["IMD"] = _imd("2020-06-01T12:00:01.000000Z", [[0.0, 1.0], [1000.0, 0.0]], "Reverse")
+    path = _write(tmp_path, parts)
+    product = read_digitalglobe(path)
+    for row in (0.0, 250.0):
+        z = _ground(product, 1000.0, row)[2]
+        assert z == pytest.approx(RADIUS * np.sin(RATE * 1e-3 * (1000.0 - row)), abs=1e-3)
+    import_product(path, tmp_path / "out", corners=(1.0, 0.1))
+    campaign = load_campaign(tmp_path / "out" / "campaign.toml").campaign
+    image = np.zeros(1, dtype=np.int64)
+    p_J = locate(campaign, campaign.C_EK, image, [700.0], [300.0], 100.0)
+    found = project(campaign, campaign.C_EK, image, p_J, np.array([[1000.0, 500.0]]))
+    np.testing.assert_allclose(found, [[700.0, 300.0]], atol=1e-5)
+
+
+def test_mount_and_perspective_centre_of_the_geo(tmp_path: Path) -> None:
+    """A camera 50 m below the body's origin, 0.01 rad nose up: x_V tips towards -z_V, the boresight ahead."""
+    turn = Rotation.from_rotvec([0.0, 0.01, 0.0])
+    parts = _parts()
+    q = dict(zip(("qcs1", "qcs2", "qcs3", "qcs4"), map(repr, map(float, turn.as_quat())), strict=True))
+    parts["GEO"] = {**GEO, "CAMERA_ATTITUDE": q, "PERSPECTIVE_CENTER": {"cx": "0", "cy": "0", "cz": "50.0"}}
+    product = read_digitalglobe(_write(tmp_path, parts))
+    north = _ground(product, 1000.0, 0.0)
+    latitude, _, _ = itrf_to_geodetic(north)
+    assert latitude > 0.0
+    assert north[2] == pytest.approx(np.tan(0.01) * (RADIUS - 50.0 - north[0]), rel=1e-6)
+    centre = int(np.argmin(np.abs(product.orbit_t_ns - product.t_ns)))
+    np.testing.assert_allclose(product.r_J[centre], [RADIUS - 50.0, 0.0, 0.0], atol=1e-6)
+    # the arm turns with a body that does not turn: the velocity is the spacecraft's
+    assert product.v_J is not None
+    np.testing.assert_allclose(product.v_J[centre], [0.0, 0.0, RATE * RADIUS], atol=1e-6)
+
+
+def test_rotated_line_of_the_users_optics(tmp_path: Path) -> None:
+    parts = _parts()
+    del parts["GEO"]
+    path = _write(tmp_path, parts)
+    with pytest.raises(
+        InputError, match=r"found no \.GEO beside it, wanted it or the camera's optics from you"
+    ):
+        read_digitalglobe(path)
+    product = read_digitalglobe(path, Optics(10_000.0, 0.1, (0.0, 0.0), rotation_deg=90.0))
+    x, y, z = _ground(product, 100.0, 0.0)
+    assert z == pytest.approx(0.001 * (RADIUS - x), rel=1e-9)
+    assert y == pytest.approx(0.0, abs=1e-6)
+
+
+Change = Callable[[dict[str, dict[str, object]]], None]
+
+
+def _set(part: str, keys: str, value: object) -> Change:
+    def change(parts: dict[str, dict[str, object]]) -> None:
+        import copy
+
+        parts[part] = copy.deepcopy(parts[part])
+        group: dict[str, object] = parts[part]
+        *above, last = keys.split("/")
+        for key in above:
+            inner = group[key]
+            assert isinstance(inner, dict)
+            group = inner
+        if value is None:
+            del group[last]
+        else:
+            group[last] = value
+
+    return change
+
+
+BAD: list[tuple[Change, str]] = [
+    (_set("IMD", "numRows", None), "found no numRows"),
+    (_set("IMD", "numRows", "lots"), 'numRows: found "lots", wanted a number'),
+    (_set("IMD", "BAND_P/ULLon", None), "BAND_P: found no ULLon"),
+    (_set("IMD", "IMAGE_1/TLCList", [[0.0, 0.0]]), "found the time of one row"),
+    (
+        _set("IMD", "IMAGE_1/TLCList", [[0, 0], [500, 0.501], [1001, 1.001]]),
+        "found row 500 1 rows away from a steady",
+    ),
+    (_set("IMD", "IMAGE_1/TLCList", [[1001, 0], [0, 1.001]]), "found rows that do not increase"),
+    (_set("IMD", "IMAGE_1/avgLineRate", "6900.0"), "avgLineRate: found 6900 rows a second"),
+    (_set("IMD", "IMAGE_1/firstLineTime", "2020-06-01T12:00:00.5Z"), "0.5 s after row 0 of the TLCList"),
+    (_set("IMD", "IMAGE_1/TLCTime", "noon"), 'TLCTime: found "noon", wanted a time'),
+    (_set("ATT", "numPoints", "40"), "attListList: found 41 rows, wanted 40 as numPoints says"),
+    (_set("ATT", "attList", _att(np.array([0.3, 0.0, 0.3, 0.3]))), "norm 0.519615, wanted norm 1"),
+    (_set("ATT", "attList", [[1, 0, 0, 0, 1], [2, 0, 0, 0, 1]]), "wanted 41 as numPoints|found 2 rows"),
+    (_set("ATT", "attList", [row[:-1] for row in _att()]), r"attList\[1\]: found .*, wanted 15 numbers"),
+    (_set("EPH", "ephemList", list(reversed(_eph()))), "found the index 41, wanted rows counted from 1"),
+    (_set("EPH", "timeInterval", "-0.02"), 'timeInterval: found "-0.02", wanted a positive number'),
+    (_set("EPH", "startTime", None), "found no startTime"),
+    (
+        _set("GEO", "DETECTOR_MOUNTING/BAND_P/DETECTOR_ARRAY_1/detRotAngle", "0.5"),
+        "the unit and sign are not published",
+    ),
+    (
+        _set("GEO", "DETECTOR_MOUNTING/BAND_P/DETECTOR_ARRAY_2", {"detPitch": "1"}),
+        "found 2 times DETECTOR_ARRAY",
+    ),
+    (_set("GEO", "DETECTOR_MOUNTING", {"BAND_R": {"x": "1"}}), "found the bands BAND_R, wanted BAND_P"),
+    (_set("GEO", "OPTICAL_DISTORTION/aList", [[0.0, 1e-9]]), "an optical distortion"),
+    (_set("GEO", "CAMERA_ATTITUDE/qcs4", "0.5"), "found a quaternion of norm 0.5"),
+    (_set("GEO", "PRINCIPAL_DISTANCE/pd", "0"), 'pd: found "0", wanted a positive number'),
+]
+
+
+@pytest.mark.parametrize(("change", "says"), BAD, ids=[f"{i}" for i in range(len(BAD))])
+def test_bad_products_are_refused_in_one_sentence(tmp_path: Path, change: Change, says: str) -> None:
+    parts = _parts()
+    change(parts)
+    with pytest.raises(InputError, match=says) as error:
+        read_digitalglobe(_write(tmp_path, parts))
+    assert "\n" not in str(error.value)
+    assert "scene." in str(error.value)
+
+
+def test_a_missing_file_and_unsound_text(tmp_path: Path) -> None:
+    path = _write(tmp_path, _parts())
+    text = path.read_text(encoding="utf-8")
+    path.write_text(text.replace("numRows = 1001;", "numRows 1001;"), encoding="utf-8")
+    with pytest.raises(InputError, match=r'scene\.IMD, line 2: found "numRows 1001;", wanted key = value;'):
+        read_digitalglobe(path)
+    path.write_text(text.removesuffix("END;\n"), encoding="utf-8")
+    with pytest.raises(InputError, match="found its end without END;"):
+        read_digitalglobe(path)
+    path.write_text(text.replace("END_GROUP = IMAGE_1", "END_GROUP = IMAGE_2"), encoding="utf-8")
+    with pytest.raises(InputError, match=r"line \d+: found \"END_GROUP = IMAGE_2\""):
+        read_digitalglobe(path)
+    path.write_text(text, encoding="utf-8")
+    (tmp_path / "scene.ATT").unlink()
+    with pytest.raises(InputError, match=r"found no \.ATT of that name beside it"):
+        read_digitalglobe(path)
+
+
+def test_choices_that_a_product_does_not_have(tmp_path: Path) -> None:
+    path = _write(tmp_path, _parts())
+    with pytest.raises(InputError, match='found attitude "raw", wanted "vendor"'):
+        read_product(path, "raw")
+    with pytest.raises(InputError, match=r"found the ending \"\.txt\""):
+        read_product(tmp_path / "scene.txt")
+    (tmp_path / "other.IMD").write_text("END;", encoding="utf-8")
+    with pytest.raises(InputError, match=r"found 2 files \.IMD"):
+        read_product(tmp_path)
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    with pytest.raises(InputError, match=r"found a folder without \.IMD and \.XML"):
+        read_product(empty)
