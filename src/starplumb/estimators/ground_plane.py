@@ -64,8 +64,8 @@ class GroundPlane:
 def _level(p_J: Array) -> Array:
     """C_JT (..., 3, 3) of the level frame at markers p_J (..., 3).
 
-    ``tan latitude = z / ((1 - f)^2 hypot(x, y))`` holds on the ellipsoid and is 1 arcsec off 9 km above it, which levels
-    a frame well enough.
+    ``tan latitude = z / ((1 - f)^2 hypot(x, y))`` holds on the ellipsoid; 9 km above it it is 1 arcsec off,
+    which levels a frame well enough.
     """
     x, y, z = p_J[..., 0], p_J[..., 1], p_J[..., 2]
     return C_JT(np.arctan2(z, (1.0 - WGS84_F) ** 2 * np.hypot(x, y)), np.arctan2(y, x))

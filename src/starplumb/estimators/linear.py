@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import so3
+from ..errors import InputError
 from ..model import linearise
 from ..observations import Observations
 from .gls import SINGULAR_SIGMA
@@ -135,7 +136,7 @@ def estimate(
     beyond linearising or a marker ends up behind the camera.
     """
     if iterations < 1:
-        raise ValueError(f"iterations: found {iterations}, wanted at least 1")
+        raise InputError(f"iterations: found {iterations}, wanted 1 or more")
     C = np.broadcast_to(C_EK, (*np.broadcast_shapes(observations.batch, C_EK.shape[:-2]), 3, 3))
     for _ in range(iterations):
         C_before, equations = C, method(observations, C)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from .. import so3
 from ..earth import C_JT, itrf_to_geodetic
+from ..errors import InputError
 from ..observations import Observations
 from .gls import SINGULAR_SIGMA
 from .linear import SOURCE_AXES, propagate
@@ -67,6 +68,8 @@ class Projective:
         o = observations
         batch = np.broadcast_shapes(o.batch, C_EK.shape[:-2])
         C = np.broadcast_to(C_EK, (*batch, 3, 3))
+        if self.iterations < 1:
+            raise InputError(f"iterations: found {self.iterations}, wanted 1 or more")
         for _ in range(self.iterations):
             fits = [
                 self._fit(o.select(rows), C, image, rows)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from .. import so3
 from ..adjustment import Adjustment, solve, square_root
+from ..errors import InputError
 from ..model import linearise
 from ..observations import Observations
 from .gls import SINGULAR_SIGMA
@@ -75,7 +76,7 @@ class Sequential:
     def __call__(self, observations: Observations, C_EK: Array) -> AlignmentEstimate:
         o = observations
         if self.passes < 1:
-            raise ValueError(f"passes: found {self.passes}, wanted at least 1")
+            raise InputError(f"passes: found {self.passes}, wanted 1 or more")
         batch = np.broadcast_shapes(o.batch, C_EK.shape[:-2])
         C_EK = np.broadcast_to(C_EK, (*batch, 3, 3))
         reference: Array | None = None
@@ -119,7 +120,9 @@ class Sequential:
         """States after each image and what the image adds to chi-square; linearised at the reference or the
         state."""
         if any(self.drift) and o.epoch_s is None:
-            raise ValueError("a drifting mounting needs the epochs of the images, epoch_s of the table")
+            raise InputError(
+                "sequential: found a drift but no epoch_s in the table, wanted the epochs of the images"
+            )
         epoch_s = np.arange(o.n_images, dtype=np.float64) if o.epoch_s is None else o.epoch_s
         repeated, last_s = _repeated(o), None
         for image in np.argsort(epoch_s, kind="stable"):

@@ -1,0 +1,132 @@
+"""``starplumb compare``: every method on one campaign, side by side."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from .output import Json, Output, Quiet, Verbose
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from ..comparison import Answer
+    from ..io.campaign import LoadedCampaign
+    from ..so3 import Array
+
+SCHEMA = "starplumb-compare/1"
+
+
+def compare(
+    campaign: Annotated[Path, typer.Argument(help="The campaign.toml.", metavar="CAMPAIGN.toml")],
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Folder that receives compare.json.")
+    ] = None,
+    json: Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> None:
+    """All methods on one campaign: correction, sigma, difference from gls, time, and what each leaves out.
+
+    Examples:
+
+      starplumb compare demo/campaign.toml
+
+      starplumb compare campaign.toml --json --out results
+    """
+    from ..comparison import compare as run
+    from ..errors import AlignmentFailed
+    from ..io.campaign import load_campaign
+    from ..io.write import json_text, write_text
+
+    speak = Output(json, quiet, verbose)
+    loaded = load_campaign(campaign)
+    speak.notices(loaded.notices)
+    answers = run(loaded.campaign)
+    document = _document(answers, loaded)
+    if out is not None:
+        write_text(out / "compare.json", json_text(document))
+    speak.document(document)
+    speak.show(_table(answers, loaded), *(f"{a.method}: {'; '.join(a.remarks)}" for a in answers))
+    if out is not None:
+        speak.show(f"written: {out / 'compare.json'}")
+    gls = next(answer for answer in answers if answer.method == "gls")
+    if not gls.status.usable:
+        raise AlignmentFailed(f"{campaign}: {gls.status.text}")
+
+
+def _error(answer: Answer, C_EK_true: Array) -> Array:
+    from .. import so3
+
+    return so3.log(answer.C_EK @ C_EK_true.mT)
+
+
+def _document(answers: tuple[Answer, ...], loaded: LoadedCampaign) -> dict[str, Any]:
+    """``compare.json``; numbers that a method does not state are null."""
+    from ..io.result import numbers
+    from ..units import ARCSEC
+
+    def arcsec(values: Array | None) -> Any:
+        return None if values is None else numbers(values / ARCSEC)
+
+    methods = []
+    for a in answers:
+        known = a.status.usable
+        entry = {
+            "method": a.method,
+            "status": a.status.name.lower(),
+            "correction_arcsec": arcsec(a.correction_E) if known else None,
+            "sigma_arcsec": arcsec(a.sigma_E),
+            "naive_sigma_arcsec": arcsec(a.naive_sigma_E),
+            "difference_from_gls_sigma": numbers(a.from_gls) if known else None,
+            "seconds": a.seconds,
+            "remarks": list(a.remarks),
+        }
+        if loaded.C_EK_true is not None:
+            entry["error_arcsec"] = arcsec(_error(a, loaded.C_EK_true)) if known else None
+        methods.append(entry)
+    return {
+        "schema": SCHEMA,
+        "campaign": loaded.campaign.name,
+        "methods": methods,
+        "inputs": dict(loaded.inputs),
+    }
+
+
+def _table(answers: tuple[Answer, ...], loaded: LoadedCampaign) -> Table:
+    """A line a method, three numbers about x, y, z of the star tracker in a cell."""
+    from rich.table import Table
+
+    from ..units import ARCSEC
+
+    truth = loaded.C_EK_true
+    table = Table(title=f"{loaded.campaign.name}: about x, y, z of the star tracker", title_justify="left")
+    table.add_column("method")
+    headings = [
+        'correction "',
+        'sigma "',
+        "from gls / its sigma",
+        *(['error "'] if truth is not None else []),
+        "ms",
+    ]
+    for heading in headings:
+        table.add_column(heading, justify="right", no_wrap=True)
+    for a in answers:
+        if not a.status.usable:
+            table.add_row(a.method, a.status.name.lower().replace("_", " "))
+            continue
+        cells = [
+            _triple(a.correction_E / ARCSEC, 2),
+            "not stated" if a.sigma_E is None else _triple(a.sigma_E / ARCSEC, 2),
+            _triple(a.from_gls, 2),
+        ]
+        if truth is not None:
+            cells.append(_triple(_error(a, truth) / ARCSEC, 2))
+        table.add_row(a.method, *cells, f"{1e3 * a.seconds:.1f}")
+    return table
+
+
+def _triple(values: Array, digits: int) -> str:
+    return "  ".join(f"{value:.{digits}f}" for value in values)
