@@ -92,21 +92,20 @@ class Observer:
     (``published/paper2019.toml``).  Source: A. I. Tkachenko, Problemy upravleniya i informatiki 2019.
     """
 
-    alpha: float = 10.0**-8.457
+    alpha: float = 10.0**-8.40
     """rad^2: noise of a scalar equation in the gain."""
-    beta: float = 10.0**-9.97
+    beta: float = 10.0**-10.22
     """rad^2: noise of a scalar equation in the test of its innovation."""
-    w: tuple[float, float, float] = (1.0, 1.0, 10.0**0.068)
+    w: tuple[float, float, float] = (1.0, 1.0, 10.0**0.085)
     """Weights of the innovation in gamma about E's axes."""
-    P0: float | tuple[float, float, float] = 10.0**-3.394
+    P0: float | tuple[float, float, float] = 10.0**-2.67
     """rad^2: diagonal of P at the start."""
     cycles: int = 20
     floor: float = 1.0
     """Least gamma^2.  At 1 P is never shrunk by a small innovation; the paper prints no floor (0), and then the angle
     about the line of sight freezes."""
-    order: tuple[int, int, int] = (1, 2, 0)
-    """Order of J's axes in a vector equation.  The paper's J has its second axis along the pole: 90 deg E, north,
-    0 deg E."""
+    order: tuple[int, int, int] = (0, 1, 2)
+    """Order in which the scalar equations of J's axes are taken."""
     factorised: bool = True
     """Carry P as U D U^T; otherwise as its upper triangle.  Both stay symmetric; the full matrix in plain form does
     not, and diverges in 2 % of runs by 20 cycles."""

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import so3
 from ..corrections import Corrections
-from ..earth import OMEGA_EARTH, WGS84_F, geodetic_to_itrf
+from ..earth import OMEGA_EARTH, geodetic_to_itrf
 from ..estimators.observer_rows import SIGHTING_ROWS, STATE_ROWS
 from ..observations import Observations
 from ..orbit import KeplerOrbit, pointing
@@ -59,8 +59,9 @@ class Scene:
 def scene(paper: Mapping[str, Any], pitch_deg: ArrayLike, focal_length_mm: float, cone_deg: float) -> Scene:
     """The scene of ``paper2019.toml`` photographed at the pitch angles (m,)."""
     place, errors = paper["scene"], paper["errors"]
-    r_J, v_J, latitude = _pass(place, np.atleast_1d(pitch_deg) * DEG)
-    centre = geodetic_to_itrf(latitude, 0.0, 0.0)
+    site = place["latitude_deg"] * DEG, place["longitude_deg"] * DEG
+    centre = geodetic_to_itrf(*site, 0.0)
+    r_J, v_J = _pass(place, centre, np.atleast_1d(pitch_deg) * DEG)
     C_JK = pointing(r_J, v_J, centre)
     reach = np.linalg.norm(centre - r_J, axis=-1, keepdims=True)
     focal = focal_length_mm * MM
@@ -73,35 +74,35 @@ def scene(paper: Mapping[str, Any], pitch_deg: ArrayLike, focal_length_mm: float
     ]
     return Scene(
         images=np.concatenate([r_J, so3.to_quaternion(C_JK.mT), reach], axis=-1),
-        p_J=site_grid(latitude, 0.0, 0.0, np.array(place["markers_east_north_m"])),
+        p_J=site_grid(*site, 0.0, np.array(place["markers_east_north_m"])),
         tracker_covariance=trackers(cone_deg * DEG, np.array(errors["tracker_arcsec"]) * ARCSEC),
         sigma=np.array(sigma),
         pixel=paper["camera"]["pixel_um"] * UM / focal,
     )
 
 
-def _pass(place: Mapping[str, Any], pitch: Array) -> tuple[Array, Array, float]:
-    """Positions and velocities (m, 3) over the turning Earth from which a site is seen at the pitch angles.
+def _pass(place: Mapping[str, Any], site_J: Array, pitch: Array) -> tuple[Array, Array]:
+    """Positions and velocities (m, 3) over the turning Earth from which a site (3,) is seen at the pitch angles.
 
-    The site is below perigee, crossed southbound at time 0; the place of an image follows from the height and the
-    speed of the ground track, ``t = -H tan(pitch) / v``.
+    The site is below perigee, crossed at time 0; the place of an image follows from the height and the speed of the
+    ground track, ``t = -H tan(pitch) / v``.
     """
-    latitude, inclination = place["latitude_deg"] * DEG, place["inclination_deg"] * DEG
-    geocentric = np.arctan((1.0 - WGS84_F) ** 2 * np.tan(latitude))
-    argument = np.pi - np.arcsin(np.sin(geocentric) / np.sin(inclination))
-    site = geodetic_to_itrf(latitude, 0.0, 0.0)
-    perigee = np.linalg.norm(site) + place["height_km"] * 1e3
-    # the node that brings the meridian of the site to longitude 0
-    node = -np.arctan2(np.cos(inclination) * np.sin(argument), np.cos(argument))
+    height, inclination = place["height_km"] * 1e3, place["inclination_deg"] * DEG
     eccentricity = place["eccentricity"]
+    radius = np.linalg.norm(site_J)
+    argument = np.arcsin(site_J[2] / radius / np.sin(inclination))
+    if place["descending"]:
+        argument = np.pi - argument
+    meridian = np.arctan2(np.cos(inclination) * np.sin(argument), np.cos(argument))
+    node = np.arctan2(site_J[1], site_J[0]) - meridian
+    perigee = radius + height
     orbit = KeplerOrbit(perigee / (1.0 - eccentricity), eccentricity, inclination, node, argument, 0.0)
     _, v0 = orbit.at(0.0)
-    ground_speed = np.linalg.norm(v0) * np.linalg.norm(site) / perigee
-    time = -place["height_km"] * 1e3 * np.tan(pitch) / ground_speed
+    time = -height * np.tan(pitch) / (np.linalg.norm(v0) * radius / perigee)
     r_I, v_I = orbit.at(time)
     C_JI = so3.exp(-OMEGA_EARTH * time[:, None] * np.eye(3)[2])
     r_J, v_turning = (C_JI @ r_I[..., None])[..., 0], (C_JI @ v_I[..., None])[..., 0]
-    return r_J, v_turning - np.cross([0.0, 0.0, OMEGA_EARTH], r_J), latitude
+    return r_J, v_turning - np.cross([0.0, 0.0, OMEGA_EARTH], r_J)
 
 
 @dataclass(frozen=True)
@@ -158,9 +159,14 @@ class Runs:
         )
 
 
-def draw(scene: Scene, rng: np.random.Generator, runs: int) -> Runs:
-    """Simulate runs; the work rows' state of P and floors are left to the observer."""
+def draw(scene: Scene, rng: np.random.Generator, runs: int, theta_E: ArrayLike | None = None) -> Runs:
+    """Simulate runs, all with the initial error ``theta_E`` (3,) rad where one is given.
+
+    The work rows' state of P and floors are left to the observer.
+    """
     Z = rng.standard_normal((scene.draws, runs))
+    if theta_E is not None:
+        Z[:3] = (np.asarray(theta_E) / scene.sigma[0])[:, None]
     rows = np.zeros((STATE_ROWS + SIGHTING_ROWS * len(scene.images) * len(scene.p_J), runs))
     root = np.linalg.cholesky(scene.tracker_covariance)
     q_model = so3.to_quaternion(C_EK_MODEL)
