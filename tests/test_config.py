@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from bad_cases import AEM, DETECTORS, LINE_SCAN, NO_OPTICS, OEM, both, put, swap
 from helpers import CAMPAIGN, FILES, OBSERVATIONS, write_good_campaign
-from starplumb.campaign import Campaign, Images
+from starplumb.campaign import Campaign, Images, Landmarks
 from starplumb.errors import EpochError, InputError
 from starplumb.io.campaign import LoadedCampaign, load_campaign
 from starplumb.io.write_campaign import write_campaign
@@ -238,6 +238,18 @@ def test_line_scanner_by_table(tmp_path: Path) -> None:
     np.testing.assert_allclose(xy_K, [[-0.02, 0.001], [-0.01, 0.001], [0.01, 0.001]], atol=1e-15)
 
 
+def test_detectors_are_counted_as_pixels_are(tmp_path: Path) -> None:
+    path = write_good_campaign(tmp_path)
+    images = "image_id,time,line_period_s\nI1,2020-01-01T00:00:01.5,1e-4\nI2,2020-01-01T00:00:02.5,1e-4\n"
+    detectors = "column_px,tan_x,tan_y\n0.5,-0.02,0\n11999.5,0.02,0\n"
+    both(LINE_SCAN, NO_OPTICS, put("detectors.csv", detectors), put("images.csv", images))(tmp_path)
+    swap(TOML, "[mounting]", 'pixel_origin = "corner"\n[mounting]')(tmp_path)
+    camera = load_campaign(path).campaign.camera
+    xy_K, _ = camera.tan_from_px([0.0, 11999.0], 0.0)
+    np.testing.assert_allclose(xy_K[:, 0], [-0.02, 0.02], atol=1e-15)
+    assert camera.size_px[0] == 12000.0
+
+
 def test_line_scanner_by_optics(tmp_path: Path) -> None:
     path = write_good_campaign(tmp_path)
     images = "image_id,time,line_period_s\nI1,2020-01-01T00:00:01.5,1e-4\nI2,2020-01-01T00:00:02.5,1e-4\n"
@@ -313,6 +325,17 @@ def test_campaign_checks_its_own_shapes(tmp_path: Path) -> None:
         Images(("I1", "I1"), campaign.images.t_ns)
 
 
+def surveyed() -> Landmarks:
+    """Three landmarks far apart whose sigmas differ to the east, to the north and upwards."""
+    ups = np.array([[0.6, 0.0, 0.8], [0.0, 1.0, 0.0], [-0.48, -0.64, -0.6]])
+    easts = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.8, -0.6, 0.0]])
+    # the point of an ellipsoid with semi-axes a whose normal is n lies at a^2 n / |a n|
+    axes2 = np.array([6378137.0, 6378137.0, 6378137.0 * (1 - 1 / 298.257223563)]) ** 2
+    r_J = ups * axes2 / np.sqrt(np.sum(ups**2 * axes2, axis=-1, keepdims=True)) + 123.0 * ups
+    C_JT = np.stack([easts, np.cross(ups, easts), ups], axis=-1)
+    return Landmarks(("L1", "L2", "L3"), r_J, C_JT @ np.diag([0.25, 1.0, 9.0]) @ C_JT.mT)
+
+
 def assert_same(a: Campaign, b: Campaign) -> None:
     """Bit for bit, but for what turns through angles or frames."""
     for x, y in (
@@ -338,10 +361,12 @@ def assert_same(a: Campaign, b: Campaign) -> None:
 @pytest.mark.parametrize("frame", ["ITRF", "GCRF"])
 def test_written_campaign_reads_back(tmp_path: Path, scale: str, frame: str) -> None:
     campaign = load(tmp_path / "a", (TOML, 'frame = "ITRF"', f'frame = "{frame}"')).campaign
-    if (
-        frame == "GCRF"
-    ):  # the hand-made velocities are not an inertial orbit's; let them be read as Earth-fixed
-        campaign = replace(campaign, sigma_position=np.array([1.0, 2.0, 3.0]))
+    campaign = replace(
+        campaign,
+        sigma_position=np.array([1.0, 2.0, 3.0]),
+        images=replace(campaign.images, t_ns=campaign.images.t_ns + np.array([1, -1])),
+        landmarks=surveyed(),
+    )
     path = write_campaign(
         tmp_path / "b", campaign, time_scale=scale, comment="two\nlines", C_EK_true=TURN.as_matrix()
     )
