@@ -66,23 +66,34 @@ class Reliability:
     repeated: Index
 
     @cached_property
-    def Q_vv(self) -> Array:
-        """Covariance (n, 2, 2) of v: less than I where the sighting is in the solution, more where it is not."""
-        sign = np.where(self.used, -1.0, 1.0)[:, None, None]
-        return np.asarray(np.eye(2) + sign * self.hat)
+    def control(self) -> Array:
+        """What an error of the sighting leaves in its residual (n, 2, 2), as if it were in the solution: I - hat.
+
+        Of one that is not, ``I - hat_in = (I + hat_out)^-1``.
+        """
+        inverse = np.linalg.inv(np.eye(2) + self.hat)
+        return np.asarray(np.where(self.used[:, None, None], np.eye(2) - self.hat, inverse))
 
     @cached_property
+    def residual(self) -> Array:
+        """Whitened residual (n, 2) as if the sighting were in the solution."""
+        inside = (self.control @ self.v[..., None])[..., 0]
+        return np.asarray(np.where(self.used[:, None], self.v, inside))
+
+    @property
+    def influence(self) -> Array:
+        """Change (n, k, 2) of the common parameters by a whitened error of a sighting in the solution."""
+        return np.where(self.used[:, None, None], self.effect, self.effect @ self.control)
+
+    @property
     def redundancy(self) -> Array:
-        """Share (n,) of the sighting's two numbers that the others control, 0 .. 1, as if it were in the solution."""
-        inside = np.trace(self.hat, axis1=-2, axis2=-1) / 2.0
-        # leaving in: hat_in = hat_out (I + hat_out)^-1
-        outside = np.trace(np.linalg.solve(np.eye(2) + self.hat, self.hat), axis1=-2, axis2=-1) / 2.0
-        return np.asarray(1.0 - np.where(self.used, inside, outside))
+        """Share (n,) of the sighting's two numbers that the others control, 0 .. 1."""
+        return np.asarray(np.trace(self.control, axis1=-2, axis2=-1) / 2.0)
 
     @cached_property
     def sightings(self) -> tuple[Array, Array]:
         """T (n,) of each sighting and its degrees of freedom (n,)."""
-        return _mean_shift(self.v, self.Q_vv, UNTESTABLE)
+        return _mean_shift(self.residual, self.control, UNTESTABLE)
 
     @cached_property
     def images(self) -> tuple[Array, Array]:

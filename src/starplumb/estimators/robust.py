@@ -1,0 +1,274 @@
+"""Generalised least squares that survives wrong labels, wrong measurements and wrong images."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..model import Linearised
+from ..observations import Observations
+from ..reliability import Reliability, reliability
+from .consensus import Consensus, Directions, consensus
+from .protocol import AlignmentEstimate, Status, Verdict
+from .selfcal import Problem, SelfCalibration, State
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+LIKELY = 0.03
+"""Share of its plausible range within which a free parameter is expected while nothing is estimated yet."""
+LEAST = 4
+"""Sightings of an image that must agree before it is called wrong: two fix a rotation, two more confirm it."""
+PASSES = 60
+
+
+@dataclass(frozen=True)
+class Robust:
+    """Consensus on the rotation, then least squares with data snooping; the answer is that of the sightings kept.
+
+    1. :func:`consensus <starplumb.estimators.consensus.consensus>`: the rotation most sightings agree on to within the
+       stated errors, shared ones included.  Finds the mounting whatever the initial error.
+    2. In each image the largest cluster of residuals that differ by no more than what its sightings do not share: the
+       attitude error of an image moves all of its residuals alike and is many pixels, the difference of two is not.
+    3. An image left out whose own sightings agree with one another is a wrong image: attitude or epoch.
+    4. Data snooping (:mod:`starplumb.reliability`): the worst sighting of each image, the worst image or the worst
+       landmark leaves while its statistic exceeds the critical value, and whatever fits comes back.
+
+    A good sighting is rejected with probability ``alpha`` (1e-3 is Baarda's choice), a good image or landmark with
+    ``alpha_group``; on clean data that costs 0.2 % of the information.  Where hardly more sightings agree than would by
+    chance, or as many images are called wrong as are kept, the estimate is ``NOT_CONVERGED``.
+    """
+
+    calibration: SelfCalibration = field(default_factory=SelfCalibration)
+    alpha: float = 1e-3
+    alpha_group: float = 1e-4
+    seed: int = 0
+
+    def __call__(self, observations: Observations, C_EK: Array) -> AlignmentEstimate:
+        batch = np.broadcast_shapes(observations.batch, C_EK.shape[:-2])
+        models = np.broadcast_to(C_EK, (*batch, 3, 3))
+        runs = []
+        for index in np.ndindex(*batch):
+            one = observations.run(index) if observations.batch else observations
+            runs.append(self._run(one, models[index]))
+        return stack(runs, batch)
+
+    def _run(self, o: Observations, C_EK_model: Array) -> AlignmentEstimate:
+        search = _Search(self, o, C_EK_model)
+        found = consensus(o, np.random.default_rng(self.seed), search.slack(C_EK_model))
+        return search.failed() if found is None or not found.convincing else search.refine(found)
+
+
+@dataclass(frozen=True)
+class _Search:
+    """One run: the options, the table without batch axes and the model mounting."""
+
+    options: Robust
+    o: Observations
+    C_EK_model: Array
+
+    @property
+    def seen(self) -> Mask:
+        return np.asarray(self.o.weight > 0.0)
+
+    def failed(self) -> AlignmentEstimate:
+        """No alignment on which enough sightings agree: the plain estimate, marked as not to be used."""
+        plain = self.options.calibration(self.o, self.C_EK_model)
+        status = np.maximum(plain.status, int(Status.NOT_CONVERGED))
+        return replace(plain, status=status, verdict=np.zeros(self.o.n, dtype=np.int64))
+
+    def problem(self, state: State, used: Mask) -> Problem:
+        weighted = replace(self.o, weight=np.where(used, self.o.weight, 0.0))
+        return self.options.calibration.problem(weighted, state, self.C_EK_model)
+
+    def fit(self, state: State, used: Mask, steps: int = 2) -> tuple[State, Problem]:
+        """A few Gauss-Newton steps with the sightings used."""
+        for _ in range(steps):
+            state = state.moved(self.problem(state, used).solve().x)
+        return state, self.problem(state, used)
+
+    def expected(self) -> Array:
+        """Covariance (p, p) of the further parameters before anything is estimated."""
+        calibration = self.options.calibration
+        sigma = np.where(np.isfinite(calibration.sigma), calibration.sigma, LIKELY * calibration.range)
+        return np.diag(np.asarray(sigma, dtype=np.float64) ** 2)
+
+    def slack(self, C_EK: Array) -> Array | float:
+        """Angle (n,) by which the further parameters may move a sighting."""
+        p = len(self.options.calibration.names)
+        if p == 0:
+            return 0.0
+        problem = self.problem(State(C_EK, np.zeros(p)), self.seen)
+        moved = problem.model.B @ problem.A[..., 3 : 3 + p]
+        return np.asarray(np.sqrt(np.trace(moved @ self.expected() @ moved.mT, axis1=-2, axis2=-1)))
+
+    def refine(self, found: Consensus) -> AlignmentEstimate:
+        p = len(self.options.calibration.names)
+        state = State(found.C_EK, np.zeros(p))
+        used, problem = found.agree, self.problem(State(found.C_EK, np.zeros(p)), found.agree)
+        for _ in range(2):
+            spread = self._uncertainty(found)
+            used = clusters(problem, found.agree, spread)
+            state, problem = self.fit(state, used)
+            found = self._nearer(found, state, problem)
+        verdict = np.where(used | ~self.seen, int(Verdict.USED), int(Verdict.SIGHTING))
+        for i in self._wrong_images(used):
+            verdict[self.seen & (self.o.image == i)] = int(Verdict.IMAGE)
+        state, verdict = self._snoop(state, verdict)
+        return self._finish(state, verdict)
+
+    def _uncertainty(self, found: Consensus) -> Array:
+        """Covariance (3 + p, 3 + p) of a state found by consensus: what may still bend the residuals of an image."""
+        d = Directions.of(self.o.select(found.agree), 0.0)
+        centred = d.e_K - np.mean(d.e_K, axis=0)
+        radius = np.sqrt(np.mean(np.sum(centred**2, axis=-1)))
+        turn = 2.0 * float(np.mean(d.own)) / max(radius, float(np.mean(d.own)))
+        p = len(self.options.calibration.names)
+        spread = np.zeros((3 + p, 3 + p))
+        spread[:3, :3] = (turn**2 + float(np.mean(d.shared)) ** 2) * np.eye(3)
+        spread[3:, 3:] = self.expected()
+        return spread
+
+    def _nearer(self, found: Consensus, state: State, problem: Problem) -> Consensus:
+        """The sightings within the shared errors of a better state."""
+        d = Directions.of(problem.observations)
+        misfit = np.linalg.norm(d.e_K @ state.C_EK.mT - d.e_E, axis=-1)
+        near = misfit < 4.0 * np.hypot(d.own, np.sqrt(2.0) * d.shared)
+        return Consensus(state.C_EK, near & self.seen, True)
+
+    def _wrong_images(self, used: Mask) -> list[int]:
+        """Images of which hardly a sighting is used though most of them agree on an attitude of their own."""
+        wrong = []
+        for i in np.unique(self.o.image[self.seen & ~used]):
+            mine = self.seen & (self.o.image == i)
+            if np.sum(mine) < LEAST or np.sum(used & mine) > 0.25 * np.sum(mine):
+                continue
+            rows = self.o.select(mine)
+            own = consensus(rows, np.random.default_rng(self.options.seed), self._bend(rows), alone=True)
+            if own is not None and np.sum(own.agree) >= max(LEAST, 0.5 * np.sum(mine)):
+                wrong.append(int(i))
+        return wrong
+
+    def _bend(self, rows: Observations) -> Array:
+        """Angle (n,) by which a wrong epoch bends an image beyond a rotation: field angle times shift, 2 deg of it."""
+        centred = rows.e_K - np.mean(rows.e_K, axis=0)
+        return np.asarray(0.002 * np.linalg.norm(centred, axis=-1))
+
+    def _snoop(self, state: State, verdict: NDArray[np.int64]) -> tuple[State, NDArray[np.int64]]:
+        """Drop what does not fit and take back what does, worst first, until nothing changes."""
+        dropped = np.zeros(self.o.n, dtype=np.int64)
+        for _ in range(PASSES):
+            used = self.seen & (verdict == int(Verdict.USED))
+            state, problem = self.fit(state, used, 1)
+            tested = reliability(problem.observations, problem.model, problem.A, problem.prior)
+            if tested is None:
+                break
+            changed = self._pass(tested, verdict, dropped)
+            if changed is None:
+                break
+            verdict = changed
+        return state, verdict
+
+    def _pass(
+        self, tested: Reliability, verdict: NDArray[np.int64], dropped: NDArray[np.int64]
+    ) -> NDArray[np.int64] | None:
+        """The verdicts after one pass, None where none changes; ``dropped`` counts how often each went."""
+        T, critical = excess(tested, self.options.alpha, self.options.alpha_group)
+        verdict = verdict.copy()
+        free = self.seen & np.isin(verdict, (int(Verdict.USED), int(Verdict.SIGHTING)))
+        used = self.seen & (verdict == int(Verdict.USED))
+        worst = float(np.max(T[used], initial=0.0))
+        groups = {Verdict.IMAGE: critical[0], Verdict.LANDMARK: critical[1]}
+        kind = max(groups, key=lambda g: float(np.max(groups[g], initial=0.0)))
+        if float(np.max(groups[kind], initial=0.0)) > max(1.0, worst):
+            member = int(np.argmax(groups[kind]))
+            of = self.o.image == member
+            if kind is Verdict.LANDMARK:
+                of = self.o.landmark == tested.repeated[member]
+            verdict[free & of] = int(kind)
+            return verdict
+        out = used & (T > 1.0) & (_largest_of(T, used, self.o.image) <= T)
+        back = free & ~used & (T <= 1.0) & (dropped < 2)
+        dropped += out
+        verdict[out], verdict[back] = int(Verdict.SIGHTING), int(Verdict.USED)
+        return verdict if np.any(out | back) else None
+
+    def _finish(self, state: State, verdict: NDArray[np.int64]) -> AlignmentEstimate:
+        used = self.seen & (verdict == int(Verdict.USED))
+        wrong = np.unique(self.o.image[verdict == int(Verdict.IMAGE)]).size
+        if wrong and wrong >= np.unique(self.o.image[used]).size:
+            return self.failed()  # as many images say one thing as say another
+        kept = replace(self.o, weight=np.where(used, self.o.weight, 0.0))
+        estimate = self.options.calibration.estimate(kept, self.C_EK_model, state)
+        return replace(estimate, verdict=verdict)
+
+
+def _largest_of(T: Array, used: Mask, group: NDArray[np.int64]) -> Array:
+    """The largest T of the used members of each sighting's group, (n,)."""
+    largest = np.zeros(group.max(initial=0) + 1)
+    np.maximum.at(largest, group[used], T[used])
+    return np.asarray(largest[group])
+
+
+def excess(tested: Reliability, alpha: float, alpha_group: float) -> tuple[Array, tuple[Array, Array]]:
+    """Statistics over their critical values: of sightings (n,), and of images (m,) and repeated landmarks (q,)."""
+    from scipy.special import chdtri
+
+    def over(statistic: tuple[Array, Array], level: float) -> Array:
+        T, dof = statistic
+        return np.asarray(np.where(dof > 0, T / chdtri(np.maximum(dof, 1), level), 0.0))
+
+    groups = over(tested.images, alpha_group), over(tested.landmarks, alpha_group)
+    return over(tested.sightings, alpha), groups
+
+
+def clusters(problem: Problem, agree: Mask, spread: Array) -> Mask:
+    """Of the sightings that agree (n,), those in the largest cluster of residuals of their image.
+
+    Two residuals belong together when ``d^T (V_a + V_b + (J_a - J_b) S (J_a - J_b)^T)^-1 d < 16`` with d their
+    difference, V what a sighting does not share, J the design and S (3 + p, 3 + p) what is not known of the state.
+    """
+    o, model = problem.observations, problem.model
+    V, J = _own_covariance(o, model), problem.A[..., : spread.shape[0]]
+    kept = np.zeros(o.n, dtype=bool)
+    for i in np.unique(o.image[agree]):
+        rows = np.flatnonzero(agree & (o.image == i))
+        anchors = rows if rows.size <= 200 else rows[:: rows.size // 200 + 1]
+        d = model.z_px[anchors, None] - model.z_px[None, rows]
+        bend = J[anchors, None] - J[None, rows]
+        between = V[anchors, None] + V[None, rows] + bend @ spread @ bend.mT
+        distance = np.sum(d * np.linalg.solve(between, d[..., None])[..., 0], axis=-1)
+        support = np.sum(np.maximum(0.0, 1.0 - distance / 16.0), axis=-1)
+        kept[rows[distance[int(np.argmax(support))] < 16.0]] = True
+    return kept
+
+
+def _own_covariance(o: Observations, model: Linearised) -> Array:
+    """Covariance (n, 2, 2) px^2 of pixel noise and landmark."""
+    place = model.R @ o.cov_landmark_J[o.landmark] @ model.R.mT
+    return np.asarray(place + (o.sigma_px**2)[:, None, None] * np.eye(2))
+
+
+def stack(runs: list[AlignmentEstimate], batch: tuple[int, ...]) -> AlignmentEstimate:
+    """Estimates of single runs as one with batch axes."""
+    first = runs[0]
+
+    def gathered(name: str) -> Array:
+        values = [np.asarray(getattr(run, name)) for run in runs]
+        return np.reshape(values, (*batch, *values[0].shape))
+
+    parameters = first.parameters
+    if parameters is not None:
+        fields = {
+            name: np.reshape([getattr(run.parameters, name) for run in runs], (*batch, *shape.shape))
+            for name, shape in (
+                ("values", parameters.values),
+                ("covariance", parameters.covariance),
+                ("information", parameters.information),
+            )
+        }
+        parameters = replace(parameters, **fields)
+    names = ("C_EK", "covariance_E", "status", "iterations", "chi2", "degrees_of_freedom", "verdict")
+    return AlignmentEstimate(**{name: gathered(name) for name in names}, parameters=parameters)
