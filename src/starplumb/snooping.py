@@ -1,4 +1,4 @@
-"""What each sighting of a calibrated campaign is worth: how well it fits, what it could hide, and why some were rejected.
+"""What each sighting of a campaign is worth: how well it fits, what it could hide, and why some were rejected.
 
 For an error of one pixel in a column or row, e its whitened shift and R the control that the other observations have
 over it (:mod:`starplumb.reliability`)::
@@ -49,9 +49,9 @@ class Rejection:
 class Snooping:
     """Reliability of n sightings at an estimate; of a rejected one as if it had a part in the solution.
 
-    ``statistic`` (n,) is sqrt(T), ``w`` and ``tau`` (n, 2) for column and row, ``redundancy`` (n,) 0 .. 1, ``detectable_px``
-    (n, 2) infinite where nothing controls the sighting, ``effect_E`` (n,) rad the larger of the two effects on the
-    alignment.
+    ``statistic`` (n,) is sqrt(T), ``w`` and ``tau`` (n, 2) for column and row, ``redundancy`` (n,) 0 .. 1,
+    ``detectable_px`` (n, 2) infinite where nothing controls the sighting, ``effect_E`` (n,) rad the larger of the two
+    effects on the alignment.
     """
 
     tested: Reliability
@@ -66,12 +66,13 @@ class Snooping:
     def _controlled(self) -> Array:
         """sqrt(e^T R e) (n, 2) of an error of one pixel in column and in row."""
         e, R = self.tested.per_px, self.tested.control
-        return np.sqrt(np.maximum(np.einsum("nic,nij,njc->nc", e, R, e), 0.0))
+        return np.asarray(np.sqrt(np.maximum(np.einsum("nic,nij,njc->nc", e, R, e), 0.0)))
 
     @cached_property
     def w(self) -> Array:
         along = np.einsum("nic,ni->nc", self.tested.per_px, self.tested.residual)
-        return np.divide(along, self._controlled, out=np.zeros_like(along), where=self._controlled > 0.0)
+        zero = np.zeros_like(along)
+        return np.asarray(np.divide(along, self._controlled, out=zero, where=self._controlled > 0.0))
 
     @property
     def tau(self) -> Array:
@@ -84,7 +85,7 @@ class Snooping:
     @cached_property
     def detectable_px(self) -> Array:
         nothing = np.full_like(self._controlled, np.inf)
-        return np.divide(DELTA_0, self._controlled, out=nothing, where=self._controlled > 0.0)
+        return np.asarray(np.divide(DELTA_0, self._controlled, out=nothing, where=self._controlled > 0.0))
 
     @cached_property
     def effect_E(self) -> Array:
@@ -162,14 +163,12 @@ def _wrong_image(problem: Problem, verdict: NDArray[np.int64], image: int) -> tu
     moves = model.R[rows] @ o.v_J[rows][..., None] - model.H[rows] @ o.omega_E[rows][..., None]
     per_s = np.median(moves[..., 0], axis=0)
     late = -float(per_s @ shift / (per_s @ per_s)) if np.any(per_s) else 0.0
-    if np.linalg.norm(shift + per_s * late) < 0.05 * np.linalg.norm(shift):
-        return statistic, f"{reason}; an epoch {late:+.4g} s later would explain it"
-    turn = (
-        np.linalg.lstsq(-model.H[rows].reshape(-1, 3), model.z_px[rows].reshape(-1), rcond=None)[0] / ARCSEC
-    )
+    along_track = np.linalg.norm(shift + per_s * late) < 0.1 * np.linalg.norm(shift)
+    turn = np.linalg.lstsq(-model.H[rows].reshape(-1, 3), model.z_px[rows].reshape(-1), rcond=None)[0]
+    cause = f"an attitude error of {', '.join(f'{angle:+.0f}' for angle in turn / ARCSEC)} arcsec"
     return (
         statistic,
-        f"{reason}; an attitude error of {turn[0]:+.0f}, {turn[1]:+.0f}, {turn[2]:+.0f} arcsec would explain it",
+        f"{reason}; {f'an epoch {late:+.4g} s later or ' if along_track else ''}{cause} explains it",
     )
 
 

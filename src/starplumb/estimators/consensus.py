@@ -1,8 +1,8 @@
 """The rotation on which most sightings agree, found from exact rotations of pairs.
 
 Two sightings fix the mounting exactly.  A wrong one among them betrays itself twice: the angle between two directions
-is the same in E and in K, and a rotation from a wrong pair is not that of any other.  All tests are angles on the sphere,
-so neither the size of the initial error nor sightings behind the camera matter.
+is the same in E and in K, and a rotation from a wrong pair is not that of any other.  All tests are angles on the
+sphere, so neither the size of the initial error nor sightings behind the camera matter.
 
 Source: M. A. Fischler and R. C. Bolles, Random sample consensus, Communications of the ACM 24 (1981); the score is that
 of P. H. S. Torr and A. Zisserman, MLESAC, Computer Vision and Image Understanding 78 (2000).

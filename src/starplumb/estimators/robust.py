@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -253,22 +255,14 @@ def _own_covariance(o: Observations, model: Linearised) -> Array:
 
 def stack(runs: list[AlignmentEstimate], batch: tuple[int, ...]) -> AlignmentEstimate:
     """Estimates of single runs as one with batch axes."""
-    first = runs[0]
 
-    def gathered(name: str) -> Array:
-        values = [np.asarray(getattr(run, name)) for run in runs]
-        return np.reshape(values, (*batch, *values[0].shape))
+    def gathered(parts: Sequence[object], *names: str) -> dict[str, Any]:
+        columns = {name: [np.asarray(getattr(part, name)) for part in parts] for name in names}
+        return {name: np.reshape(column, (*batch, *column[0].shape)) for name, column in columns.items()}
 
-    parameters = first.parameters
-    if parameters is not None:
-        fields = {
-            name: np.reshape([getattr(run.parameters, name) for run in runs], (*batch, *shape.shape))
-            for name, shape in (
-                ("values", parameters.values),
-                ("covariance", parameters.covariance),
-                ("information", parameters.information),
-            )
-        }
-        parameters = replace(parameters, **fields)
     names = ("C_EK", "covariance_E", "status", "iterations", "chi2", "degrees_of_freedom", "verdict")
-    return AlignmentEstimate(**{name: gathered(name) for name in names}, parameters=parameters)
+    parameters = runs[0].parameters
+    if parameters is not None:
+        vectors = [run.parameters for run in runs]
+        parameters = replace(parameters, **gathered(vectors, "values", "covariance", "information"))
+    return AlignmentEstimate(**gathered(runs, *names), parameters=parameters)
