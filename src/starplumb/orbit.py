@@ -1,4 +1,4 @@
-"""Orbits and pointing for simulation and planning: Keplerian motion with the secular drift by J2, turns of the camera."""
+"""Orbits and pointing for simulation and planning: Keplerian motion with the secular drift by J2, camera turns."""
 
 from __future__ import annotations
 
@@ -46,23 +46,28 @@ class KeplerOrbit:
     j2: float = J2_EARTH
 
     def at(self, time_s: ArrayLike) -> tuple[Array, Array]:
-        """Inertial position r_I (..., 3) m and velocity v_I (..., 3) m/s, ``time_s`` after the elements' epoch."""
+        """Inertial position r_I (..., 3) m and velocity v_I (..., 3) m/s, ``time_s`` after the elements' epoch.
+
+        The velocity is the derivative of the position, the drift of the elements included.
+        """
         t = np.asarray(time_s, dtype=np.float64)
         a, e, i = self.semi_major_axis, self.eccentricity, self.inclination
         n = np.sqrt(GM_EARTH / a**3)
         p = a * (1.0 - e * e)
         drift = 0.75 * n * self.j2 * (EARTH_RADIUS / p) ** 2
         c2 = np.cos(i) ** 2
-        node = self.node - 2.0 * drift * np.cos(i) * t
-        perigee = self.perigee + drift * (5.0 * c2 - 1.0) * t
-        mean = self.mean_anomaly + (n + drift * np.sqrt(1.0 - e * e) * (3.0 * c2 - 1.0)) * t
-        E = _eccentric_anomaly(mean, e)
         root = np.sqrt(1.0 - e * e)
+        node_rate, perigee_rate = -2.0 * drift * np.cos(i), drift * (5.0 * c2 - 1.0)
+        mean_rate = n + drift * root * (3.0 * c2 - 1.0)
+        E = _eccentric_anomaly(self.mean_anomaly + mean_rate * t, e)
         x, y = a * (np.cos(E) - e), a * root * np.sin(E)
-        rate = n * a / (1.0 - e * np.cos(E))
-        vx, vy = -rate * np.sin(E), rate * root * np.cos(E)
-        P, Q = _perifocal(node, perigee, i)
-        return x[..., None] * P + y[..., None] * Q, vx[..., None] * P + vy[..., None] * Q
+        rate = mean_rate * a / (1.0 - e * np.cos(E))
+        vx = -rate * np.sin(E) - perigee_rate * y
+        vy = rate * root * np.cos(E) + perigee_rate * x
+        P, Q = _perifocal(self.node + node_rate * t, self.perigee + perigee_rate * t, i)
+        r_I = x[..., None] * P + y[..., None] * Q
+        turn = node_rate * np.stack([-r_I[..., 1], r_I[..., 0], np.zeros_like(x)], axis=-1)
+        return r_I, vx[..., None] * P + vy[..., None] * Q + turn
 
 
 def _eccentric_anomaly(mean: Array, e: float) -> Array:
