@@ -300,6 +300,30 @@ def test_mount_and_perspective_centre_of_the_geo(tmp_path: Path) -> None:
     np.testing.assert_allclose(product.v_J[centre], [0.0, 0.0, RATE * RADIUS], atol=1e-6)
 
 
+def test_perspective_centre_of_a_turning_body_moves_as_its_positions_do(tmp_path: Path) -> None:
+    parts = _parts()
+    parts["GEO"] = {**GEO, "PERSPECTIVE_CENTER": {"cx": "50.0", "cy": "0", "cz": "0"}}
+    turned = [(DOWN * Rotation.from_rotvec([0.0, 0.02 * STEP * i, 0.0])).as_quat() for i in range(N)]
+    parts["ATT"]["attList"] = [[i + 1.0, *q, *np.zeros(10)] for i, q in enumerate(turned)]
+    product = read_digitalglobe(_write(tmp_path, parts))
+    assert product.v_J is not None
+    moved = (product.r_J[2:] - product.r_J[:-2]) / (2.0 * STEP)
+    np.testing.assert_allclose(moved, product.v_J[1:-1], atol=2e-5)  # 1 m/s comes from the turn
+
+
+def test_table_of_lines_that_begins_elsewhere_than_at_row_0(tmp_path: Path) -> None:
+    parts = _parts()
+    parts["IMD"] = _imd(tlc=[[100.0, 0.1], [1001.0, 1.001]])
+    product = read_digitalglobe(_write(tmp_path, parts))
+    assert _ground(product, 1000.0, 0.0)[2] == pytest.approx(0.0, abs=1e-3)
+
+
+@pytest.mark.parametrize("optics", [(0.0, 0.1), (10.0, -0.1), (float("nan"), 0.1)])
+def test_optics_that_cannot_be(optics: tuple[float, float]) -> None:
+    with pytest.raises(InputError, match="wanted a positive number of millimetres"):
+        Optics(*optics, (0.0, 0.0))
+
+
 def test_rotated_line_of_the_users_optics(tmp_path: Path) -> None:
     parts = _parts()
     del parts["GEO"]

@@ -379,6 +379,7 @@ BAD: list[tuple[Callable[[], str], tuple[str, str], str]] = [
     (delivered, ("<OFFSET>43200.5<", "<OFFSET>432.5<"), "OFFSET: found .* s from the image"),
     (delivered, ("<COEFFICIENTS>0.7071067811865476", "<COEFFICIENTS>0.3"), "found a quaternion of norm 0.76"),
     (delivered, ("<XLOS_1>1e-05<", "<XLOS_1>-1e-05<"), "look directions that do not turn"),
+    (production, ("-0.01 1e-05<", "-0.01<"), "look directions that do not turn"),
     (delivered, ("<XLOS_0>", '<XLOS_0 unit="deg">'), 'XLOS_0: found the unit "deg"'),
     (delivered, ("<YLOS_0>0.0</YLOS_0>", ""), "found no YLOS_0, wanted the key YLOS_0"),
     (

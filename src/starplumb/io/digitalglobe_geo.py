@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from starplumb import so3
+from starplumb.errors import InputError
 from starplumb.series import Attitude
 from starplumb.units import DEG
 
@@ -27,6 +28,12 @@ class Optics:
     pitch_mm: float
     origin_mm: tuple[float, float]
     rotation_deg: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("principal_distance_mm", "pitch_mm"):
+            value = getattr(self, name)
+            if not 0.0 < value < float("inf"):
+                raise InputError(f"{name}: found {value:g}, wanted a positive number of millimetres")
 
     def detectors(self, columns: int) -> Detectors:
         """Look directions of the first column and the last; the line between them is straight."""
