@@ -26,13 +26,14 @@ def calibrate(
         Path | None,
         typer.Option("--out", "-o", help="Folder of the results [default: `result` beside the campaign]."),
     ] = None,
+    report: Annotated[bool, typer.Option(help="Write report.html, which takes two seconds.")] = True,
     json: Json = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
     """Estimate the mounting of the camera and say how well it is known.
 
-    Writes result.json, residuals.csv and the SPICE frame kernel mounting.tf.
+    Writes result.json, residuals.csv, the page report.html and the SPICE frame kernel mounting.tf.
 
     Examples:
 
@@ -49,7 +50,7 @@ def calibrate(
     loaded = load_campaign(campaign)
     speak.notices(loaded.notices)
     done = run(loaded.campaign, estimator())
-    document = _publish(loaded, done, method, out or campaign.parent / "result")
+    document = _publish(loaded, done, method, out or campaign.parent / "result", report)
     speak.document(document)
     speak.show(_table(done, loaded.C_EK_true), *_sentences(done, out or campaign.parent / "result"))
     speak.detail(*(f"{name}: {digest}" for name, digest in loaded.inputs.items()))
@@ -70,9 +71,11 @@ def _estimator(method: str, methods: dict[str, Any]) -> Any:
     raise InputError(f"--method: found {method!r}, wanted one of {', '.join(methods)}{hint}")
 
 
-def _publish(loaded: LoadedCampaign, done: Calibration, method: str, out: Path) -> dict[str, Any]:
+def _publish(
+    loaded: LoadedCampaign, done: Calibration, method: str, out: Path, report: bool
+) -> dict[str, Any]:
     """Write the files of the result, all or none, and return result.json."""
-    from ..io.result import RESIDUAL_COLUMNS, provenance, residual_columns, result_document
+    from ..io.result import provenance, residual_columns, residual_names, result_document
     from ..io.spice import frame_kernel_text
     from ..io.write import csv_text, json_text, publish
 
@@ -80,8 +83,12 @@ def _publish(loaded: LoadedCampaign, done: Calibration, method: str, out: Path) 
     document = result_document(done, method, frames, loaded.inputs, provenance(loaded), loaded.C_EK_true)
     files = {
         "result.json": json_text(document),
-        "residuals.csv": csv_text(RESIDUAL_COLUMNS, residual_columns(done)),
+        "residuals.csv": csv_text(residual_names(done), residual_columns(done)),
     }
+    if report:
+        from ..report import calibration_page
+
+        files["report.html"] = calibration_page(done, document)
     if done.status.usable:
         files["mounting.tf"] = frame_kernel_text(
             done.estimate.C_EK,

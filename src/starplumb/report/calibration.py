@@ -1,0 +1,130 @@
+"""The report of a calibration: what a calibration engineer attaches to a technical note."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ..calibration import Calibration
+from ..units import ARCSEC
+from . import calibration_figures as figures
+from . import calibration_tables as tables
+from .page import Page, Section, Tone, render
+from .text import length, listed, measured
+
+BADGES: dict[str, tuple[str, Tone]] = {
+    "ok": ("ok: the mounting may be used", "good"),
+    "weak": ("weak: usable, with the reservations below", "fair"),
+    "singular": ("singular: the mounting must not be used", "bad"),
+    "not_converged": ("not converged: the mounting must not be used", "bad"),
+}
+
+
+def calibration_page(calibration: Calibration, document: Mapping[str, Any]) -> str:
+    """``report.html`` of a calibration and its ``result.json``; the same input gives the same text."""
+    badge, tone = BADGES[str(document["status"])]
+    page = Page(
+        title=f"Camera alignment: {calibration.campaign.name}",
+        summary=summary(calibration, document),
+        badge=badge,
+        tone=tone,
+        sections=_sections(calibration, document),
+        kind=f"calibration, method {document['method']}",
+        remarks=tuple(sentence for sentence in calibration.message.split("; ") if sentence),
+    )
+    return render(page)
+
+
+def summary(c: Calibration, document: Mapping[str, Any]) -> str:
+    """The one sentence with the number, its sigma, and what it was made from."""
+    tracker, fit = document["mounting"]["to"], document["fit"]
+    made = f"{fit['observations']} sightings in {_count(fit['images'], 'image')}"
+    if not c.status.usable:
+        return f"No alignment can be given from {made}: {c.message}."
+    sigma = c.estimate.sigma_E
+    turn = ", ".join(
+        measured(float(value), None if sigma is None else float(sigma[i] / ARCSEC))
+        for i, value in enumerate(c.correction_E / ARCSEC)
+    )
+    doubt = "" if sigma is not None else " (the method states no sigma)"
+    before, after = c.accuracy(after=False), c.accuracy(after=True)
+    ground = ""
+    if after is not None:
+        was = "off the Earth" if before is None else length(before.rmse)
+        ground = f" The geolocation error falls from {was} to {length(after.rmse)} rms."
+    return (
+        f"The camera's mounting is to be turned by ({turn}) arcsec about x, y, z of {tracker}{doubt}, "
+        f"from {made}.{ground}"
+    )
+
+
+def _count(n: int, word: str) -> str:
+    return f"{n} {word}{'s' * (n != 1)}"
+
+
+def _sections(c: Calibration, document: Mapping[str, Any]) -> tuple[Section, ...]:
+    """All sections; those with nothing to say are left out of the page."""
+    usable = c.status.usable
+    return (
+        Section("alignment", "Alignment", tables=tables.alignment(c, document)),
+        Section(
+            "mounting",
+            "Mounting before and after",
+            (tables.mounting_words(document),),
+            tables=tables.mounting(c, document),
+        ),
+        _knowledge(c),
+        Section(
+            "residuals",
+            "Residuals in the image and on the ground",
+            ("An arrow leads from the measured place to the predicted one.",),
+            figures.residual_vectors(c),
+        ),
+        Section(
+            "trends", "Residuals against time, latitude and image", (), figures.trends(c) if usable else ()
+        ),
+        Section(
+            "geolocation",
+            "Geolocation",
+            tables.geolocation_words(c),
+            figures.ground_scatter(c),
+            tables.geolocation(c),
+        ),
+        Section("budget", "Error budget", *_budget(c, document)),
+        Section(
+            "fit",
+            "Fit, images and markers",
+            tables.fit_words(document),
+            (),
+            (*tables.rejections(document), *tables.images(document), *tables.markers(c, document)),
+        ),
+        Section("provenance", "Provenance", tables=tables.provenance(document)),
+    )
+
+
+def _knowledge(c: Calibration) -> Section:
+    """How well each direction is known, and which is the worst."""
+    covariance = c.estimate.covariance_E
+    if covariance is None or not c.status.usable:
+        return Section("knowledge", "What is well and what is poorly determined")
+    return Section(
+        "knowledge",
+        "What is well and what is poorly determined",
+        tables.knowledge(c.estimate.C_EK, covariance),
+        figures.alignment_ellipses(c),
+        bullets=tuple(s for s in c.message.split("; ") if s),
+    )
+
+
+def _budget(c: Calibration, document: Mapping[str, Any]) -> tuple[Any, ...]:
+    """Sentences, figures and tables of the budget by source, where the result has one."""
+    budget = document.get("budget")
+    if not budget:
+        return ()
+    names = [row["source"] for row in budget]
+    shares = np.array([row["sigma_arcsec"] for row in budget], dtype=np.float64)
+    worst = [names[int(np.argmax(shares[:, i]))] for i in range(3)]
+    sentence = f"What limits the angles about x, y and z most: {listed(worst)}."
+    return (sentence,), figures.budget(names, shares), tables.budget(names, shares)

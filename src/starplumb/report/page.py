@@ -1,0 +1,84 @@
+"""A report as data (sections of sentences, tables and figures) and its rendering as one self-contained HTML page.
+
+Every string is escaped by the template engine; only the figures, which :mod:`starplumb.report.svg` has made, pass as
+they are.  The page needs no network, no script and no other file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+from .. import __version__
+
+Tone = Literal["good", "fair", "bad"]
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A drawing (an ``<svg>`` element as text), what it shows for those who cannot see it, and its caption."""
+
+    svg: str
+    alt: str
+    caption: str
+
+
+@dataclass(frozen=True)
+class Table:
+    """Cells as text; ``text_columns`` of them are to the left and read as text, the rest are numbers.
+
+    ``marked`` are the rows to set apart (rejected, implausible); ``note`` stands below.
+    """
+
+    caption: str
+    head: tuple[str, ...]
+    rows: Sequence[Sequence[str]]
+    text_columns: int = 1
+    marked: frozenset[int] = frozenset()
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class Section:
+    """One part of a report; ``anchor`` is its address in the page."""
+
+    anchor: str
+    title: str
+    sentences: tuple[str, ...] = ()
+    figures: tuple[Figure, ...] = ()
+    tables: tuple[Table, ...] = ()
+    bullets: tuple[str, ...] = ()
+
+    @property
+    def empty(self) -> bool:
+        return not (self.sentences or self.figures or self.tables or self.bullets)
+
+
+@dataclass(frozen=True)
+class Page:
+    """A whole report: its summary sentence, a badge with the verdict, and the sections that have something to say."""
+
+    title: str
+    summary: str
+    badge: str
+    tone: Tone
+    sections: tuple[Section, ...]
+    kind: str = "report"
+    remarks: tuple[str, ...] = field(default=())
+
+
+def render(page: Page) -> str:
+    """The page as HTML text; the same for the same page, whenever and wherever it is rendered."""
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    environment = Environment(
+        loader=PackageLoader("starplumb.report"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    template = environment.get_template("page.html.j2")
+    sections = [section for section in page.sections if not section.empty]
+    return template.render(page=page, sections=sections, version=__version__) + "\n"

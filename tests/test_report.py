@@ -1,0 +1,259 @@
+"""The report: what it says is what was found, it is safe, complete in itself, readable by all, and always the same."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from dataclasses import replace
+from html.parser import HTMLParser
+from importlib.resources import files
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from problems import C_EK_TRUE, truth
+from starplumb import so3
+from starplumb.calibration import calibrate
+from starplumb.demo import demo
+from starplumb.earth import C_JT, itrf_to_geodetic
+from starplumb.estimators.gls import Gls
+from starplumb.intersection import intersect
+from starplumb.io.result import result_document
+from starplumb.report import calibration_page
+from starplumb.report.plots import Ellipse, outline, thinned
+from starplumb.report.text import euler_zyx, length, measured, number
+from starplumb.units import ARCSEC
+
+HOSTILE = "<script>alert('x')</script>"
+
+
+class Seen(HTMLParser):
+    """Elements and attributes of a page, as a browser would read them."""
+
+    def __init__(self, page):
+        super().__init__()
+        self.tags, self.attributes, self.text = [], [], []
+        self.feed(page)
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append(tag)
+        self.attributes += [(tag, name, value or "") for name, value in attrs]
+
+    def handle_data(self, data):
+        self.text.append(data)
+
+    def values(self, attribute):
+        return [value for _, name, value in self.attributes if name == attribute]
+
+
+def page_of(campaign, inputs=None, **extra):
+    done = calibrate(campaign, Gls())
+    provenance = {"corrections": {"aberration": True}, "notices": [], "earth_orientation": None}
+    names = ("camera", "star_tracker")
+    document = result_document(done, "gls", names, inputs or {"campaign.toml": "sha256:00"}, provenance)
+    return calibration_page(done, document | extra), done
+
+
+@pytest.fixture(scope="module")
+def campaign():
+    return demo("frame", 4, 7)[0]
+
+
+@pytest.fixture(scope="module")
+def page(campaign):
+    return page_of(campaign)[0]
+
+
+def test_the_summary_states_the_number_and_its_sigma(campaign):
+    page, done = page_of(campaign)
+    text = " ".join("".join(Seen(page).text).split())
+    for value, sigma in zip(done.correction_E / ARCSEC, done.estimate.sigma_E / ARCSEC, strict=True):
+        stated = re.findall(r"(−?[\d.]+) ± ([\d.]+)", text)
+        assert any(
+            abs(float(v.replace("−", "-")) - value) < 0.06 * sigma and abs(float(s) - sigma) < 0.06 * sigma
+            for v, s in stated
+        ), (value, sigma, stated)
+    assert "48 sightings" not in text
+    assert "40 sightings in 4 images" in text
+
+
+def test_the_page_needs_nothing_from_outside(page):
+    seen = Seen(page)
+    assert not {"script", "link", "img", "iframe", "object"} & set(seen.tags)
+    for name in ("src", "href", "xlink:href"):
+        assert all(value.startswith("#") for value in seen.values(name)), seen.values(name)
+    assert not re.search(r"url\((?!#)|@import", page)
+
+
+def test_ids_of_the_user_stay_text(campaign):
+    landmarks = replace(campaign.landmarks, ids=(*campaign.landmarks.ids[:-2], HOSTILE, "$\\frac{$"))
+    images = replace(
+        campaign.images, ids=('"><img src=x onerror=alert(1)>', "$\\alpha{", *campaign.images.ids[2:])
+    )
+    hostile = replace(campaign, name=HOSTILE, landmarks=landmarks, images=images)
+    page, _ = page_of(hostile, {"</style><script>": "sha256:00"}, notices=["a & b <b>"])
+    seen = Seen(page)
+    assert "script" not in seen.tags
+    assert "img" not in seen.tags
+    assert not any(name.startswith("on") for _, name, _ in seen.attributes)
+    text = "".join(seen.text)
+    assert HOSTILE in text
+    assert "$\\frac{$" in text
+    assert "a & b <b>" in text
+
+
+def test_every_figure_has_words_and_every_id_is_its_own(page):
+    seen = Seen(page)
+    images = [value for tag, name, value in seen.attributes if (tag, name) == ("div", "aria-label") and value]
+    assert len(images) >= seen.tags.count("svg") > 8
+    ids = seen.values("id")
+    assert len(ids) == len(set(ids))
+    targets = {value[1:] for value in seen.values("href") if value.startswith("#")}
+    assert targets <= set(ids)
+    assert seen.values("lang") == ["en"]
+    assert seen.tags.count("h1") == 1
+
+
+def test_drawings_follow_the_page_into_the_dark(page):
+    drawn = "".join(re.findall(r"<svg.*?</svg>", page, flags=re.DOTALL))
+    colours = set(re.findall(r"(?:fill|stroke|color): (#[0-9a-f]{6})", drawn))
+    assert not colours, "a colour of its own would not change with the page"
+    assert "var(--ink)" in drawn
+
+
+def luminance(colour):
+    channel = np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)]) / 255.0
+    linear = np.where(channel <= 0.04045, channel / 12.92, ((channel + 0.055) / 1.055) ** 2.4)
+    return float(linear @ [0.2126, 0.7152, 0.0722])
+
+
+@pytest.mark.parametrize("theme", [0, 1, 2], ids=["light", "dark", "print"])
+def test_contrast_is_that_of_wcag_aa(theme):
+    css = (files("starplumb.report") / "templates" / "style.css").read_text()
+    colours = dict(re.findall(r"--(\w+): (#[0-9a-f]{6})", css.split(":root {")[theme + 1].split("}")[0]))
+    for name in ("ink", "muted", "one", "two", "three", "four", "good", "fair", "bad"):
+        for ground in ("page", "raised", "marked") if name == "ink" else ("page",):
+            light, dark = sorted((luminance(colours[name]), luminance(colours[ground])), reverse=True)
+            assert (light + 0.05) / (dark + 0.05) >= 4.5, (name, ground)
+
+
+PROGRAM = """
+import hashlib
+from starplumb.calibration import calibrate
+from starplumb.demo import demo
+from starplumb.estimators.gls import Gls
+from starplumb.io.result import result_document
+from starplumb.report import calibration_page
+done = calibrate(demo("line-scan", 2, 3)[0], Gls())
+document = result_document(done, "gls", ("camera", "tracker"), {}, {})
+print(hashlib.sha256(calibration_page(done, document).encode()).hexdigest())
+"""
+
+
+def test_the_same_input_gives_the_same_bytes():
+    digests = set()
+    for seed in ("1", "2"):
+        environment = {**os.environ, "PYTHONHASHSEED": seed, "SOURCE_DATE_EPOCH": seed}
+        done = subprocess.run(
+            [sys.executable, "-c", PROGRAM], env=environment, capture_output=True, text=True, check=True
+        )
+        digests.add(done.stdout)
+    assert len(digests) == 1
+
+
+def test_a_singular_campaign_has_a_report_that_forbids_its_use(campaign):
+    s = campaign.sightings
+    one = np.zeros(s.image.size, dtype=bool)
+    one[3] = True
+    sightings = type(s)(*(getattr(s, name)[one] for name in s.__dataclass_fields__))
+    page, done = page_of(replace(campaign, sightings=replace(sightings, check=np.array([False]))))
+    assert not done.status.usable
+    assert "must not be used" in page
+    assert "No alignment can be given" in page
+
+
+def test_a_budget_shows_where_there_is_one(campaign, page):
+    rows = [
+        {"source": "star tracker", "sigma_arcsec": [3.0, 3.0, 6.0]},
+        {"source": "pixels", "sigma_arcsec": [4.0, 4.0, 8.0]},
+    ]
+    with_budget, _ = page_of(campaign, budget=rows)
+    assert 'id="budget"' in with_budget
+    assert 'id="budget"' not in page
+    text = "".join(Seen(with_budget).text)
+    assert re.search(r"all together\s+5.00\s+5.00\s+10.0", text)  # 3, 4, 5 and 6, 8, 10
+
+
+def test_euler_angles_are_those_of_scipy(rng):
+    for C in (*so3.exp(rng.normal(0.0, 1.0, (50, 3))), so3.exp(np.array([0.0, np.pi / 2.0, 0.0]))):
+        a, b, c = euler_zyx(C)
+        np.testing.assert_allclose(Rotation.from_euler("ZYX", [a, b, c]).as_matrix(), C, atol=1e-9)
+
+
+def test_an_ellipse_holds_what_it_says(rng):
+    covariance = np.array([[4.0, 1.5], [1.5, 1.0]])
+    edge = outline(Ellipse("", np.array([3.0, -2.0]), covariance, 0.9)) - [3.0, -2.0]
+    distance = np.sum(edge * np.linalg.solve(covariance, edge.T).T, axis=1)
+    np.testing.assert_allclose(
+        distance, 4.605170186, rtol=1e-9
+    )  # chi-square quantile of 2 degrees of freedom
+    draws = rng.multivariate_normal(np.zeros(2), covariance, 40_000)
+    inside = np.sum(draws * np.linalg.solve(covariance, draws.T).T, axis=1) < distance[0]
+    assert abs(np.mean(inside) - 0.9) < 0.006
+
+
+def test_of_many_points_the_largest_are_drawn():
+    size = np.arange(10_000) % 977
+    chosen, remark = thinned(size.astype(float))
+    assert chosen.size <= 1500
+    assert set(np.flatnonzero(size == 976)) <= set(chosen)
+    assert "of 10000 are drawn" in remark
+
+
+@pytest.mark.parametrize(
+    ("value", "sigma", "text"),
+    [(-699.0131, 1.797, "−699.0 ± 1.8"), (12.3, 0.0456, "12.300 ± 0.046"), (5234.0, 210.0, "5234 ± 210")],
+)
+def test_values_are_rounded_to_their_sigma(value, sigma, text):
+    assert measured(value, sigma) == text
+
+
+def test_numbers_in_words():
+    assert number(0.0) == "0"
+    assert number(float("nan")) == "–"
+    assert number(12.3456, 4) == "12.35"
+    assert number(-1.5e-9) == "−1.50e−09"
+    assert length(4922.6) == "4923 m"
+    assert length(48_230.0) == "48.2 km"
+    assert length(None) == "not known"
+
+
+def test_lines_of_several_images_meet_at_the_marker_and_find_a_wrong_height():
+    scene = truth(images=4, markers=6, tilt_deg=20.0, shared_site=True)
+    every = np.ones(scene.sightings.image.size, dtype=bool)
+    found = intersect(scene, C_EK_TRUE, every)
+    assert found.landmark.size == 6
+    assert np.abs(found.error_T).max() < 1e-3
+    latitude, longitude, _ = itrf_to_geodetic(scene.landmarks.r_J)
+    shift_T = np.array([2.0, -3.0, 7.0])
+    moved = replace(scene.landmarks, r_J=scene.landmarks.r_J + C_JT(latitude, longitude) @ shift_T)
+    found = intersect(replace(scene, landmarks=moved), C_EK_TRUE, every)
+    np.testing.assert_allclose(found.error_T, np.tile(-shift_T, (6, 1)), atol=2e-3)
+    assert abs(found.le90 - 7.0) < 2e-3
+    assert abs(found.ce90 - np.hypot(2.0, 3.0)) < 2e-3
+
+
+def test_markers_seen_once_have_no_height(campaign):
+    assert (
+        intersect(campaign, campaign.C_EK, np.ones(campaign.sightings.image.size, dtype=bool)).landmark.size
+        == 0
+    )
+
+
+def test_a_page_of_stereo_images_has_le90():
+    scene = truth(images=3, markers=5, tilt_deg=20.0, shared_site=True)
+    page, _ = page_of(scene)
+    assert "LE90 is that of heights where the lines of sight of several images meet" in page
