@@ -11,29 +11,23 @@ from . import so3
 from .campaign import Campaign
 from .consistency import chi2_p, findings
 from .errors import InputError
-from .estimators.protocol import AlignmentEstimate, Estimator, Status
+from .estimators.gls import Gls
+from .estimators.protocol import AlignmentEstimate, Estimator, Status, Verdict
+from .estimators.selfcal import SelfCalibration
 from .geometry import observe
 from .observations import Observations
 from .residuals import Accuracy, Residuals, residuals
+from .snooping import Rejection, Snooping, calibration_of, problem_at, rejections, snoop
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Rejection:
-    """A sighting left out of the solution, with the statistic that spoke against it."""
-
-    image: int
-    landmark: int
-    statistic: float
-    reason: str
 
 
 @dataclass(frozen=True)
 class Calibration:
     """One calibrated campaign.
 
-    ``observations`` holds all sightings; ``residuals.used`` those in the solution.  ``status`` and ``sentences`` join the
+    ``observations`` holds all sightings as measured; ``residuals.used`` those in the solution; ``snooping`` what each is
+    worth, None where the method does not say.  ``status`` and ``sentences`` join the
     estimator's own with what the consistency checks found.  ``correction_E`` (3,) rad is d of ``C_EK = exp(d) C_EK_model``.
     """
 
@@ -44,6 +38,7 @@ class Calibration:
     status: Status
     sentences: tuple[str, ...]
     rejected: tuple[Rejection, ...] = field(default=())
+    snooping: Snooping | None = None
 
     @property
     def message(self) -> str:
@@ -79,24 +74,35 @@ def calibrate(campaign: Campaign, estimator: Estimator) -> Calibration:
         raise InputError(
             f"campaign {campaign.name!r} has no observation with role control; wanted at least two markers"
         )
-    control = observations.select(used)
-    estimate = estimator(control, campaign.C_EK)
-    status, sentences = _judge(control, campaign.C_EK, estimate)
+    estimate = estimator(observations.select(used), campaign.C_EK)
+    verdict = np.zeros(observations.n, dtype=np.int64)
+    if estimate.verdict is not None:
+        verdict[used] = estimate.verdict
+        used = used & (verdict == int(Verdict.USED))
+    calibration = calibration_of(estimator)
+    problem = problem_at(calibration or SelfCalibration(), observations, campaign.C_EK, estimate, used)
+    usable = Status(int(estimate.status)).usable
+    snooping = snoop(problem, estimate) if calibration and usable else None
+    status, sentences = _judge(observations.select(used), campaign.C_EK, estimate, calibration)
     return Calibration(
         campaign=campaign,
         observations=observations,
         estimate=estimate,
-        residuals=residuals(campaign, observations, used, estimate.C_EK),
+        residuals=residuals(observations, campaign.C_EK, problem.observations, estimate.C_EK, used),
         status=status,
         sentences=sentences,
+        rejected=() if snooping is None else rejections(problem, snooping, verdict),
+        snooping=snooping,
     )
 
 
-def _judge(control: Observations, C_EK_model: Array, estimate: AlignmentEstimate) -> tuple[Status, tuple[str, ...]]:
+def _judge(
+    kept: Observations, C_EK_model: Array, estimate: AlignmentEstimate, calibration: SelfCalibration | None
+) -> tuple[Status, tuple[str, ...]]:
     """Status and sentences of an estimate once the consistency checks have spoken."""
     own = Status(int(estimate.status))
     if not own.usable:
         return own, (own.text,)
-    found = findings(control, C_EK_model, estimate)
+    found = findings(kept, C_EK_model, estimate, calibration or Gls())
     weak = own is Status.WEAK or any(finding.weakens for finding in found)
     return Status.WEAK if weak else Status.OK, tuple(finding.sentence for finding in found)

@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import so3
-from .estimators.gls import Gls
-from .estimators.protocol import AlignmentEstimate, Status
+from .estimators.protocol import AlignmentEstimate, Estimator, Status
 from .observations import Observations
 from .units import ARCSEC, DEG
 
@@ -40,8 +39,13 @@ def chi2_p(chi2: float, degrees_of_freedom: int) -> float:
     return float(chdtrc(degrees_of_freedom, chi2)) if degrees_of_freedom > 0 else 1.0
 
 
-def findings(observations: Observations, C_EK_model: Array, estimate: AlignmentEstimate) -> list[Finding]:
-    """All that is worth saying about one estimate (no batch axes) that has a covariance."""
+def findings(
+    observations: Observations, C_EK_model: Array, estimate: AlignmentEstimate, estimator: Estimator
+) -> list[Finding]:
+    """All that is worth saying about one estimate (no batch axes) that has a covariance.
+
+    ``observations`` are those the estimate was made from, and ``estimator`` makes it again with another switch.
+    """
     if estimate.covariance_E is None or not Status(int(estimate.status)).usable:
         return []
     found = [
@@ -49,7 +53,7 @@ def findings(observations: Observations, C_EK_model: Array, estimate: AlignmentE
         _boresight(observations, estimate),
         _chi_square(observations, estimate),
     ]
-    found.append(_aberration(observations, C_EK_model, estimate))
+    found.append(_aberration(observations, C_EK_model, estimate, estimator))
     return [finding for finding in found if finding is not None]
 
 
@@ -113,7 +117,9 @@ def _chi_square(o: Observations, estimate: AlignmentEstimate) -> Finding | None:
     return None
 
 
-def _aberration(o: Observations, C_EK_model: Array, estimate: AlignmentEstimate) -> Finding | None:
+def _aberration(
+    o: Observations, C_EK_model: Array, estimate: AlignmentEstimate, estimator: Estimator
+) -> Finding | None:
     """Compare with the opposite switch: by chi-square where the views differ enough, else by the correction itself.
 
     In views that all look the same way the aberration is a constant rotation of about 5 arcsec and disappears in the
@@ -123,7 +129,7 @@ def _aberration(o: Observations, C_EK_model: Array, estimate: AlignmentEstimate)
         return None
     stated = o.corrections.aberration
     other = o.with_geometry(corrections=replace(o.corrections, aberration=not stated))
-    opposite = Gls()(other, C_EK_model)
+    opposite = estimator(other, C_EK_model)
     if opposite.chi2 is None or not Status(int(opposite.status)).usable:
         return None
     words = f"aberration = {'true' if stated else 'false'}", f"aberration = {'false' if stated else 'true'}"

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .campaign import Campaign
-from .corrections import apparent_direction
+from .corrections import Corrections, apparent_direction
 from .earth import intersect_ellipsoid
 from .errors import EpochError, InputError
 from .model import pixel_residual, predict
@@ -117,24 +117,31 @@ def locate(
     row_px: ArrayLike,
     height: ArrayLike = 0.0,
 ) -> Array:
-    """Ground points p_J (n, 3) of pixels of images (n,) at a height above the ellipsoid (m); NaN where the ray misses.
-
-    The light effects are undone by iteration: the point is moved until its apparent direction is the pixel's
-    (each pass gains five digits).
-    """
+    """Ground points p_J (n, 3) of pixels of images (n,) at a height above the ellipsoid (m); NaN where the ray misses."""
     station = stations(campaign, image, row_px)
     xy_K, _ = campaign.camera.tan_from_px(column_px, row_px)
     s_K = np.concatenate([xy_K, np.ones((*xy_K.shape[:-1], 1))], axis=-1)
     C_JK = station.C_EJ.mT @ C_EK
     e_J = (C_JK @ s_K[..., None])[..., 0]
     e_J = e_J / np.linalg.norm(e_J, axis=-1, keepdims=True)
+    return ground_points(e_J, station.r_J, station.v_J, campaign.corrections, height)
+
+
+def ground_points(
+    e_J: Array, r_J: Array, v_J: Array, corrections: Corrections, height: ArrayLike = 0.0
+) -> Array:
+    """Points p_J (n, 3) at a height above the ellipsoid seen in the apparent directions e_J (n, 3); NaN where none is.
+
+    The light effects are undone by iteration: the point is moved until its apparent direction is the one wanted
+    (each pass gains five digits).
+    """
     u_J = e_J
-    p_J = intersect_ellipsoid(station.r_J, u_J, height)
+    p_J = intersect_ellipsoid(r_J, u_J, height)
     for _ in range(3):
-        seen, _ = apparent_direction(p_J, station.r_J, station.v_J, campaign.corrections)
+        seen, _ = apparent_direction(p_J, r_J, v_J, corrections)
         u_J = u_J + e_J - seen
         u_J = u_J / np.linalg.norm(u_J, axis=-1, keepdims=True)
-        p_J = intersect_ellipsoid(station.r_J, u_J, height)
+        p_J = intersect_ellipsoid(r_J, u_J, height)
     return p_J
 
 

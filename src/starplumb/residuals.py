@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .adjustment import solve
-from .campaign import Campaign
 from .earth import C_JT, itrf_to_geodetic
-from .geometry import locate
+from .geometry import ground_points
 from .model import linearise, residual_px
 from .observations import Observations
 
@@ -38,13 +37,12 @@ class Accuracy:
         return cls(float(np.sqrt(np.mean(radius**2))), float(np.quantile(radius, 0.9)), radius.size)
 
 
-def ground_error(campaign: Campaign, C_EK: Array) -> Array:
+def ground_error(o: Observations, C_EK: Array) -> Array:
     """East and north error (n, 2) m of every sighting, located at its landmark's own height; NaN where it misses."""
-    s = campaign.sightings
-    p_J = campaign.landmarks.r_J[s.landmark]
-    latitude, longitude, height = itrf_to_geodetic(p_J)
-    found_J = locate(campaign, C_EK, s.image, s.column_px, s.row_px, height)
-    error_T = (C_JT(latitude, longitude).mT @ (found_J - p_J)[..., None])[..., 0]
+    latitude, longitude, height = itrf_to_geodetic(o.p_J)
+    e_J = (o.C_EJ.mT @ C_EK @ o.e_K[..., None])[..., 0]
+    found_J = ground_points(e_J, o.r_J, o.v_J, o.corrections, height)
+    error_T = (C_JT(latitude, longitude).mT @ (found_J - o.p_J)[..., None])[..., 0]
     return np.asarray(error_T[:, :2])
 
 
@@ -71,9 +69,12 @@ class Residuals:
     pi_J: Array
 
 
-def residuals(campaign: Campaign, observations: Observations, used: Mask, C_EK: Array) -> Residuals:
-    """Residuals at a mounting; the shared errors are estimated from the sightings ``used`` (n,)."""
-    o = observations
+def residuals(
+    before: Observations, C_EK_model: Array, after: Observations, C_EK: Array, used: Mask
+) -> Residuals:
+    """Residuals of the table as measured at the model mounting, and of it with the estimated parameters applied at the
+    estimate; the shared errors are estimated from the sightings ``used`` (n,)."""
+    o = after
     model = linearise(o, C_EK)
     chosen = o.select(used)
     at_chosen = linearise(chosen, C_EK)
@@ -83,12 +84,12 @@ def residuals(campaign: Campaign, observations: Observations, used: Mask, C_EK: 
     fit = model.z_px - (moved - turned)[..., 0]
     return Residuals(
         used=used,
-        before_px=residual_px(o, campaign.C_EK),
+        before_px=residual_px(before, C_EK_model),
         after_px=model.z_px,
         fit_px=fit,
         normalised=np.linalg.norm(fit, axis=-1) / o.sigma_px,
-        before_m=ground_error(campaign, campaign.C_EK),
-        after_m=ground_error(campaign, C_EK),
+        before_m=ground_error(before, C_EK_model),
+        after_m=ground_error(after, C_EK),
         alpha_E=shared.alpha_E,
         rho_J=shared.rho_J,
         pi_J=shared.pi_J,

@@ -12,11 +12,13 @@ from .least_squares import LeastSquares
 from .observer import Observer
 from .projective import Projective
 from .protocol import Estimator
+from .robust import Robust
 from .sequential import Sequential
 from .wahba import Wahba
 
 METHODS: dict[str, Callable[[], Estimator]] = {
     "gls": Gls,
+    "robust": Robust,
     "sequential": Sequential,
     "observer": Observer,
     "least-squares": LeastSquares,

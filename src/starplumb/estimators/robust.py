@@ -78,7 +78,8 @@ class _Search:
     def failed(self) -> AlignmentEstimate:
         """No alignment on which enough sightings agree: the plain estimate, marked as not to be used."""
         plain = self.options.calibration(self.o, self.C_EK_model)
-        status = np.maximum(plain.status, int(Status.NOT_CONVERGED))
+        usable = plain.status < int(Status.SINGULAR)
+        status = np.where(usable, int(Status.NOT_CONVERGED), plain.status)
         return replace(plain, status=status, verdict=np.zeros(self.o.n, dtype=np.int64))
 
     def problem(self, state: State, used: Mask) -> Problem:

@@ -14,6 +14,7 @@ from .. import __version__, so3
 from ..calibration import Calibration
 from ..errors import InputError
 from ..residuals import Accuracy, rms
+from ..snooping import Snooping
 from ..units import ARCSEC
 from .campaign import LoadedCampaign
 from .files import read_text
@@ -112,14 +113,20 @@ def read_mounting(path: Path, loaded: LoadedCampaign) -> tuple[Array, Array, str
         stated = document["covariance_arcsec2"]
         covariance = np.zeros((3, 3)) if stated is None else ARCSEC**2 * np.array(stated, dtype=np.float64)
         frames = (mounting["from"], mounting["to"])
-        usable = C_EK.shape == covariance.shape == (3, 3) and np.allclose(C_EK @ C_EK.mT, np.eye(3), atol=1e-6)
+        usable = C_EK.shape == covariance.shape == (3, 3) and np.allclose(
+            C_EK @ C_EK.mT, np.eye(3), atol=1e-6
+        )
     except (ValueError, KeyError, TypeError) as error:
         raise InputError(f"{path}: found no usable mounting ({error!r}), wanted a {SCHEMA} result") from None
     if status not in ("ok", "weak") or not usable:
-        raise InputError(f"{path}: status: found {status!r}, wanted a result whose mounting may be used (ok or weak)")
+        raise InputError(
+            f"{path}: status: found {status!r}, wanted a result whose mounting may be used (ok or weak)"
+        )
     wanted = ("camera", loaded.config.tracker)
     if frames != wanted:
-        raise InputError(f"{path}: mounting: found {frames[0]} to {frames[1]}, wanted {wanted[0]} to {wanted[1]}")
+        raise InputError(
+            f"{path}: mounting: found {frames[0]} to {frames[1]}, wanted {wanted[0]} to {wanted[1]}"
+        )
     return C_EK, covariance, f"{path.name}, {document['method']}" + ("" if stated else ", no sigma stated")
 
 
@@ -164,8 +171,9 @@ def _fit(c: Calibration) -> dict[str, Any]:
 
 
 def _images(c: Calibration) -> list[dict[str, Any]]:
-    """Each image's residuals and its own estimated attitude and position error."""
+    """Each image's residuals and its own estimated attitude and position error, and how many sigmas that is."""
     r, rows = c.residuals, []
+    statistic = None if c.snooping is None else np.sqrt(c.snooping.tested.images[0])
     for i, name in enumerate(c.campaign.images.ids):
         mine = r.used & (c.observations.image == i)
         rows.append(
@@ -176,6 +184,7 @@ def _images(c: Calibration) -> list[dict[str, Any]]:
                 "rms_own_px": numbers(rms(r.fit_px[mine])),
                 "attitude_error_arcsec": numbers(r.alpha_E[i] / ARCSEC),
                 "position_error_m": numbers(r.rho_J[i]),
+                "statistic": None if statistic is None else numbers(statistic[i]),
             }
         )
     return rows
@@ -199,8 +208,42 @@ def _landmarks(c: Calibration) -> list[dict[str, Any]]:
     return rows
 
 
-RESIDUAL_COLUMNS = ["image_id", "landmark_id", "role", "column_px", "row_px", "before_column_px", "before_row_px", "after_column_px", "after_row_px", "own_column_px", "own_row_px", "normalised", "before_east_m", "before_north_m", "after_east_m", "after_north_m"]
+RESIDUAL_COLUMNS = [
+    "image_id",
+    "landmark_id",
+    "role",
+    "column_px",
+    "row_px",
+    "before_column_px",
+    "before_row_px",
+    "after_column_px",
+    "after_row_px",
+    "own_column_px",
+    "own_row_px",
+    "normalised",
+    "before_east_m",
+    "before_north_m",
+    "after_east_m",
+    "after_north_m",
+]
 """``residuals.csv``: predicted minus measured pixel before, after, and less each image's and landmark's own error."""
+RELIABILITY_COLUMNS = [
+    "statistic",
+    "w_column",
+    "w_row",
+    "tau_column",
+    "tau_row",
+    "redundancy",
+    "detectable_column_px",
+    "detectable_row_px",
+    "effect_arcsec",
+]
+"""What :class:`starplumb.snooping.Snooping` says of each sighting, behind the others where the method says it."""
+
+
+def residual_names(c: Calibration) -> Sequence[str]:
+    """Header of ``residuals.csv``."""
+    return [*RESIDUAL_COLUMNS, *([] if c.snooping is None else RELIABILITY_COLUMNS)]
 
 
 def residual_columns(c: Calibration) -> Sequence[Sequence[object]]:
@@ -219,4 +262,13 @@ def residual_columns(c: Calibration) -> Sequence[Sequence[object]]:
         *(pair[:, i].tolist() for pair in pairs for i in range(2)),
         r.normalised.tolist(),
         *(pair[:, i].tolist() for pair in ground for i in range(2)),
+        *([] if c.snooping is None else _reliability_columns(c.snooping)),
     ]
+
+
+def _reliability_columns(s: Snooping) -> Sequence[Sequence[object]]:
+    """An error that nothing would show (infinite) is left empty."""
+    detectable = [["" if np.isinf(x) else x for x in s.detectable_px[:, i].tolist()] for i in range(2)]
+    effect = ["" if not np.isfinite(x) else x for x in (s.effect_E / ARCSEC).tolist()]
+    pairs = [values[:, i].tolist() for values in (s.w, s.tau) for i in range(2)]
+    return [s.statistic.tolist(), *pairs, s.redundancy.tolist(), *detectable, effect]
