@@ -164,7 +164,8 @@ def _map(seen: Array, xy: Array, weight: Array) -> tuple[Array, Array, Bool]:
     w = weight[..., None, None]
     A = (w * A).reshape(*shape[:-1], 2 * shape[-1], 8)
     b = np.broadcast_to(w[..., 0] * xy, (*shape, 2)).reshape(*shape[:-1], 2 * shape[-1], 1)
-    length = np.maximum(np.linalg.norm(A, axis=-2), 1e-300)
+    length = np.linalg.norm(A, axis=-2)
+    length = np.where(length > 0.0, length, 1.0)
     U, S, Vt = np.linalg.svd(A / length[..., None, :], full_matrices=False)
     solved = S[..., -1] > 1e-9 * S[..., 0]
     S = np.where(solved[..., None], S, 1.0)
