@@ -123,7 +123,8 @@ def _aberration(
     """Compare with the opposite switch: by chi-square where the views differ enough, else by the correction itself.
 
     In views that all look the same way the aberration is a constant rotation of about 5 arcsec and disappears in the
-    alignment; then only a correction that is mostly this rotation tells that it is there twice, or not at all.
+    alignment.  Then both corrections are named, and the stated switch is suspected where the opposite one would leave a
+    correction smaller by much of that rotation: the sign that the aberration is in twice, or not at all.
     """
     if estimate.chi2 is None or not np.any(o.v_J):
         return None
@@ -140,16 +141,17 @@ def _aberration(
             f"(chi-square {float(opposite.chi2):.1f} instead of {float(estimate.chi2):.1f})",
             True,
         )
-    here, there = (_across(C_EK_model, e.C_EK) for e in (estimate, opposite))
     shift = _across(opposite.C_EK, estimate.C_EK)
-    if gain > -DECISIVE and shift > 2.0 * ARCSEC and here < 3.0 * shift and there < here - 0.4 * shift:
-        return Finding(
-            f"the switch {words[0]} may be wrong: it leaves a correction of {here / ARCSEC:.1f} arcsec across the "
-            f"boresight where {words[1]} leaves {there / ARCSEC:.1f}; the two differ by the aberration itself, which "
-            "these views cannot tell from the alignment: check which of them the attitude product wants",
-            False,
-        )
-    return None
+    if gain < -DECISIVE or shift < 2.0 * ARCSEC:
+        return None
+    here, there = (_across(C_EK_model, e.C_EK) / ARCSEC for e in (estimate, opposite))
+    suspect = there < here - 0.4 * shift / ARCSEC and here < 3.0 * shift / ARCSEC
+    return Finding(
+        f"the switch {words[0]} {'may be wrong' if suspect else 'cannot be checked'}: with it the correction across the "
+        f"boresight is {here:.1f} arcsec, with {words[1]} {there:.1f}, and the data fit equally well; views in other "
+        f"directions would tell, and so does the attitude product's description",
+        False,
+    )
 
 
 def _across(C_EK_a: Array, C_EK_b: Array) -> float:
