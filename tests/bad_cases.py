@@ -574,17 +574,17 @@ SERIES = [
     BadCase(
         "image-after-ephemeris",
         swap(IMG, "2020-01-01T00:00:02.500", "2020-01-01T00:00:04.500"),
-        ("I2", "2020-01-01T00:00:04.5", "0.5 s away"),
+        ("images.csv, image 'I2': found", "2020-01-01T00:00:04.5", "wanted", "0.5 s away"),
     ),
     BadCase(
         "image-before-attitude",
         swap(ATT, "2020-01-01T00:00:00.000", "2020-01-01T00:00:01.900"),
-        ("I1", "2020-01-01T00:00:01.5", "attitude", "0.4 s away"),
+        ("images.csv, image 'I1': found", "2020-01-01T00:00:01.5", "attitude.csv", "0.4 s away"),
     ),
     BadCase(
         "image-in-gap",
         swap(TOML, 'file = "attitude.csv"', 'file = "attitude.csv"\nmax_gap_s = 1.0'),
-        ("I1", "gap", "attitude", "1 s apart"),
+        ("images.csv, image 'I1': found", "gap", "attitude.csv", "1 s apart", "wanted"),
     ),
 ]
 

@@ -171,7 +171,7 @@ def test_an_epoch_outside_is_named(orientation: EarthOrientation) -> None:
     assert orientation.C_IJ(orientation.t_ns[[0, -1]]).shape == (2, 3, 3)
     for ask in (orientation.C_IJ, orientation.predicted):
         with pytest.raises(
-            EpochError, match=r"TAI lies outside the table of Earth orientation \(finals"
+            EpochError, match=r"TAI, wanted an epoch within the table of Earth orientation \(finals"
         ) as caught:
             ask(np.array([0, last, last + 1, 0]))
         assert caught.value.row == 2

@@ -122,12 +122,12 @@ BURSTS = np.concatenate([np.arange(0, 2.01, 0.25), np.arange(30, 32.01, 0.25), n
     [
         (
             -0.5,
-            r"outside the ephemeris, which is never extrapolated; the nearest sample is 0\.5 s away, at 2019-01-05T22",
+            r"outside the ephemeris \(which is never extrapolated\), .*; the nearest sample is 0\.5 s away, at 2019-01-05T22",
         ),
         (62.0 + 3e-6, "outside the ephemeris"),
         (
             2.1,
-            r"in a gap of the ephemeris \(samples more than 0\.875 s apart are not joined\); .* 0\.1 s away",
+            r"in a gap of the ephemeris \(samples more than 0\.875 s apart are not joined\), .*; .* 0\.1 s away",
         ),
         (29.0, r"in a gap .* the nearest sample is 1 s away"),
     ],
@@ -179,7 +179,9 @@ def test_a_lone_sample_serves_its_own_epoch(flight):
     np.testing.assert_allclose(with_v.at(ns(5.0))[1], one[1][0])
     bare = Ephemeris(ns([5.0]), one[0])
     np.testing.assert_array_equal(bare.at(ns(5.0), velocity=False)[0], one[0][0])
-    with pytest.raises(EpochError, match=r"only 1 sample around .* and no velocities; wanted velocities"):
+    with pytest.raises(
+        EpochError, match=r"only 1 sample and no velocities in .* around .*, wanted velocities"
+    ):
         bare.at(ns(5.0))
     C, rate = Attitude(ns([5.0]), np.array([[0, 0, 1.0, 1.0]]), "ITRF").at(ns([5.0]))
     np.testing.assert_allclose(C[0] @ [1, 0, 0], [0, 1, 0], atol=1e-15)
@@ -188,7 +190,7 @@ def test_a_lone_sample_serves_its_own_epoch(flight):
 
 def test_three_positions_are_never_joined_by_lines(flight):
     samples = np.array([0.0, 1.0, 2.0])
-    with pytest.raises(EpochError, match=r"only 3 samples around .*at least 4 positions in a row"):
+    with pytest.raises(EpochError, match=r"only 3 samples .*at least 4 positions in a row"):
         Ephemeris(ns(samples), flight(samples)[0]).at(ns([1.5]), velocity=False)
 
 

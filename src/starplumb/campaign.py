@@ -41,6 +41,8 @@ class Images:
     ids: tuple[str, ...]
     t_ns: Epochs
     line_period_s: Array | None = None
+    name: str = "the images"
+    """What messages call them: the user's file."""
 
     def __post_init__(self) -> None:
         m = _distinct("image", self.ids)

@@ -51,7 +51,7 @@ def stations(campaign: Campaign, image: Index, row_px: ArrayLike) -> Stations:
         )
     except EpochError as error:
         first = int(np.flatnonzero(back == error.row)[0])
-        raise EpochError(f"image {campaign.images.ids[image[first]]!r}: {error}", first) from None
+        raise EpochError(f"{images.name}, image {images.ids[image[first]]!r}: {error}", first) from None
     return Stations(C_EJ[back], omega_E[back], r_J[back], v_J[back], period)
 
 

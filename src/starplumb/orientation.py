@@ -102,7 +102,8 @@ class EarthOrientation:
         if outside.any():
             row = int(np.argmax(outside))
             found = format_iso(t_ns.flat[row], "TAI", 0)[0]
-            raise EpochError(f"{found} TAI lies outside the table of Earth orientation ({self.source})", row)
+            wanted = f"an epoch within the table of Earth orientation ({self.source})"
+            raise EpochError(f"found {found} TAI, wanted {wanted}", row)
         row_before: Int64 = np.searchsorted(self.t_ns[:-1], t_ns, side="right") - 1
         return row_before
 

@@ -98,9 +98,9 @@ class Bursts:
         arcs = " or of two arcs" if self.starts else ""
         between = self.t_ns[0] < t_ns[row] < self.t_ns[-1]
         place = f"in a gap of {what} (samples more than {self.limit_s:g} s apart{arcs} are not joined)"
-        outside = f"outside {what}, which is never extrapolated"
+        outside = f"outside {what} (which is never extrapolated)"
         raise EpochError(
-            f"epoch {epoch} UTC lies {place if between else outside}; "
+            f"found the epoch {epoch} UTC {place if between else outside}, wanted one that its samples cover; "
             f"the nearest sample is {away:.6g} s away, at {sample} UTC",
             row,
         )
@@ -209,8 +209,8 @@ class Ephemeris:
         if np.any(lacking):
             first, k = int(np.argmax(lacking)), nodes.shape[1]
             raise EpochError(
-                f"{self.name} has only {k} sample{'s' if k > 1 else ''} around "
-                f"{format_iso(t_ns[first : first + 1], 'UTC')[0]} UTC and no velocities; wanted velocities "
+                f"found only {k} sample{'s' if k > 1 else ''} and no velocities in {self.name} around "
+                f"{format_iso(t_ns[first : first + 1], 'UTC')[0]} UTC, wanted velocities "
                 "(vx_m_s, vy_m_s, vz_m_s) or at least 4 positions in a row",
                 int(queries[first]),
             )

@@ -180,8 +180,8 @@ def _tai_minus_ns(mjd: Int64, scale: str) -> Int64:
 def _no_utc(found: str) -> str:
     expiry = _mjd_text(leap_seconds().expiry_mjd)
     return (
-        f"{found} lies outside the leap-second table, which covers 1972-01-01 to {expiry}: "
-        "correct the epoch or update the package astropy-iers-data"
+        f"found {found}, wanted an epoch within the leap-second table, which covers 1972-01-01 to {expiry} "
+        "(a newer astropy-iers-data reaches farther)"
     )
 
 
@@ -253,13 +253,13 @@ def _clock(clock: npt.NDArray[np.uint8], length: Int64) -> tuple[Int64, Int64, B
 
 def _complaint(text: str, scale: str) -> str:
     """Why ``text`` is no epoch in ``scale``: one sentence for the user."""
-    found = repr(text if len(text) <= _LONGEST else text[:_LONGEST] + "...")
+    found = f"found {text if len(text) <= _LONGEST else text[:_LONGEST] + '...'!r}"
     if not text:
-        return f"the time is empty, wanted {_WANTED} in {scale}"
+        return f"found no time, wanted {_WANTED} in {scale}"
     if re.search(r":\d\d(\.\d*)?\s*[+-]\d\d(:?\d\d)?$", text):
-        return f"{found} carries an offset from UTC, wanted the time in {scale} without an offset"
+        return f"{found} with an offset from UTC, wanted the time in {scale} without an offset"
     if text.endswith("Z") and scale != "UTC":
-        return f"{found} ends in Z, which says UTC, but the time scale is {scale}"
+        return f"{found}, whose Z says UTC, wanted a time in {scale}"
     if re.search(r":60(\.\d*)?Z?$", text):
-        return f"{found} has second 60, but {scale} had no leap second then"
-    return f"{found} is not a time, wanted {_WANTED} in {scale}, of a date that exists"
+        return f"{found}, wanted a second below 60, since {scale} had no leap second then"
+    return f"{found}, wanted {_WANTED} in {scale}, of a date that exists"

@@ -116,7 +116,7 @@ def read_images(path: Path, scale: str, scans: bool, notices: list[str]) -> Imag
     elif period is not None:
         notices.append(f"{path}: ignored the column line_period_s, which a frame camera has not")
         period = None
-    return Images(tuple(table.texts["image_id"]), epochs(table, scale), period)
+    return Images(tuple(table.texts["image_id"]), epochs(table, scale), period, str(path))
 
 
 def read_observations(
