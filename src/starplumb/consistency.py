@@ -22,6 +22,8 @@ WEAK_SIGMA = 30.0 * ARCSEC
 """...and larger than this."""
 DECISIVE = 12.0
 """Fall of chi-square by which the opposite aberration setting explains the data better (odds of 400 to 1)."""
+INFORMATIVE = 4.0
+"""Rise of chi-square under the opposite setting from which on the data confirm the stated one (odds of 7 to 1)."""
 
 
 @dataclass(frozen=True)
@@ -142,7 +144,7 @@ def _aberration(
             True,
         )
     shift = _across(opposite.C_EK, estimate.C_EK)
-    if gain < -DECISIVE or shift < 2.0 * ARCSEC:
+    if gain < -INFORMATIVE or shift < 2.0 * ARCSEC:
         return None
     here, there = (_across(C_EK_model, e.C_EK) / ARCSEC for e in (estimate, opposite))
     suspect = there < here - 0.4 * shift / ARCSEC and here < 3.0 * shift / ARCSEC
