@@ -113,7 +113,7 @@ def judge(
 
     A figure agrees when the publication's sample could have been ours (``low`` .. ``high``) or when it departs from
     ours by no more than ``allowance`` (k,), in the table's units; it is of the same order within a factor of three;
-    NaN is not judged.  The row's verdict is that of its worst figure; figures that do not agree are named, with ``why``.
+    NaN is not judged.  The row's verdict is that of its worst figure; those that do not agree are named, with ``why``.
     """
     figure = np.asarray(published, dtype=np.float64)
     judged = np.isfinite(figure)
@@ -124,6 +124,12 @@ def judge(
         near = agrees | ((ratio < SAME_ORDER) & (ratio > 1.0 / SAME_ORDER))
     if np.all(agrees):
         return Row(label, ours, figure, "agrees")
-    off = ", ".join(f"{columns[i]} {ratio[i]:.2g}" for i in np.flatnonzero(~agrees))
+    off = ", ".join(
+        f"{name} {_times(r)}" for name, r, fine in zip(columns, ratio, agrees, strict=True) if not fine
+    )
     verdict: Verdict = "same order" if np.all(near) else "cannot be recovered"
     return Row(label, ours, figure, verdict, f"published/ours: {off}" + (f"; {why}" if why else ""))
+
+
+def _times(ratio: float) -> str:
+    return f"{ratio:.2g}" if abs(ratio) < 1000.0 else "above 1000"

@@ -119,8 +119,8 @@ def residuals(name: str, images: str, trials: int, rng: np.random.Generator) -> 
         rows=(*compared, *unpublished(runs, size)),
         notes=(
             "The observer's parameters are not printed; ours were fitted to tables 1, 2 and 4.",
-            "The rows of least squares need other trackers than the observer's rows: no unbiased method can be as noisy "
-            "as the former on the latter's scene.",
+            "The rows of least squares need other trackers than the observer's rows: on the latter's scene no unbiased "
+            "method is as noisy.",
         ),
     )
 

@@ -121,7 +121,7 @@ class Runs:
     @property
     def theta_E(self) -> Array:
         """Initial errors (runs, 3) rad."""
-        return self.scene.sigma[0] * self.Z[:3].T
+        return np.asarray(self.scene.sigma[0] * self.Z[:3].T)
 
     @property
     def observations(self) -> Observations:
@@ -168,7 +168,7 @@ def draw(scene: Scene, rng: np.random.Generator, runs: int, theta_E: ArrayLike |
     if theta_E is not None:
         Z[:3] = (np.asarray(theta_E) / scene.sigma[0])[:, None]
     rows = np.zeros((STATE_ROWS + SIGHTING_ROWS * len(scene.images) * len(scene.p_J), runs))
-    root = np.linalg.cholesky(scene.tracker_covariance)
+    root: Array = np.linalg.cholesky(scene.tracker_covariance)
     q_model = so3.to_quaternion(C_EK_MODEL)
     simulate(Z, rows, slice(None), scene.images, scene.p_J, root, q_model, scene.sigma)
     return Runs(rows, scene, Z)
