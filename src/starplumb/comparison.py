@@ -20,7 +20,8 @@ from .estimators.image_plane import ImagePlane
 from .estimators.least_squares import LeastSquares
 from .estimators.observer import Observer, ObserverEstimate
 from .estimators.projective import Projective
-from .estimators.protocol import AlignmentEstimate, Estimator, Status
+from .estimators.protocol import AlignmentEstimate, Estimator, Status, Verdict
+from .estimators.robust import Robust
 from .estimators.sequential import Sequential
 from .estimators.wahba import Wahba
 from .geometry import observe
@@ -122,7 +123,7 @@ def _remarks(estimator: Estimator, case: Case) -> list[str]:
     if not Status(int(case.estimate.status)).usable:
         return [Status(int(case.estimate.status)).text]
     remarks = _of_method(estimator, case)
-    if case.observations.prior_E is not None and not isinstance(estimator, Gls | Sequential):
+    if case.observations.prior_E is not None and not isinstance(estimator, Gls | Robust | Sequential):
         remarks.append("does not use the prior knowledge of the mounting")
     worse = _worse(case)
     if worse is not None and worse > 1.05:
@@ -134,6 +135,11 @@ def _of_method(estimator: Estimator, case: Case) -> list[str]:
     match estimator:
         case Gls():
             return ["weighs every stated error where it belongs, shared ones included"]
+        case Robust():
+            left_out = (
+                0 if (verdict := case.estimate.verdict) is None else int(np.sum(verdict != Verdict.USED))
+            )
+            return [f"gls without the sightings that the others contradict: {left_out} left out"]
         case Sequential():
             return ["image after image; the same as gls while the mounting does not drift"]
         case LeastSquares() | CrossProduct() | ImagePlane() | GroundPlane():

@@ -49,7 +49,9 @@ def compare(
     if out is not None:
         write_text(out / "compare.json", json_text(document))
     speak.document(document)
-    speak.show(_table(answers, loaded), *(f"{a.method}: {'; '.join(a.remarks)}" for a in answers))
+    speak.show(
+        _table(answers, loaded), *(f"{a.method}: {'; '.join(a.remarks)}" for a in answers if a.remarks)
+    )
     if out is not None:
         speak.show(f"written: {out / 'compare.json'}")
     gls = next(answer for answer in answers if answer.method == "gls")
@@ -96,37 +98,34 @@ def _document(answers: tuple[Answer, ...], loaded: LoadedCampaign) -> dict[str, 
 
 
 def _table(answers: tuple[Answer, ...], loaded: LoadedCampaign) -> Table:
-    """A line a method, three numbers about x, y, z of the star tracker in a cell."""
+    """Three lines a method, about x, y, z of the star tracker: 80 columns hold it."""
+    from rich import box
     from rich.table import Table
 
     from ..units import ARCSEC
 
     truth = loaded.C_EK_true
-    table = Table(title=f"{loaded.campaign.name}: about x, y, z of the star tracker", title_justify="left")
+    title = f"{loaded.campaign.name}: arcsec about the star tracker's axes"
+    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, leading=1, pad_edge=False)
     table.add_column("method")
-    headings = [
-        'correction "',
-        'sigma "',
-        "from gls / its sigma",
-        *(['error "'] if truth is not None else []),
-        "ms",
-    ]
+    table.add_column("")
+    headings = ("correction", "sigma", "sigmas off gls", *(("error",) if truth is not None else ()), "ms")
     for heading in headings:
-        table.add_column(heading, justify="right", no_wrap=True)
+        table.add_column(heading, justify="right")
     for a in answers:
         if not a.status.usable:
-            table.add_row(a.method, a.status.name.lower().replace("_", " "))
+            table.add_row(a.method, "", a.status.name.lower().replace("_", " "))
             continue
         cells = [
-            _triple(a.correction_E / ARCSEC, 2),
-            "not stated" if a.sigma_E is None else _triple(a.sigma_E / ARCSEC, 2),
-            _triple(a.from_gls, 2),
+            _column(a.correction_E / ARCSEC),
+            "not stated" if a.sigma_E is None else _column(a.sigma_E / ARCSEC),
+            _column(a.from_gls),
         ]
         if truth is not None:
-            cells.append(_triple(_error(a, truth) / ARCSEC, 2))
-        table.add_row(a.method, *cells, f"{1e3 * a.seconds:.1f}")
+            cells.append(_column(_error(a, truth) / ARCSEC))
+        table.add_row(a.method, "x\ny\nz", *cells, f"{1e3 * a.seconds:.1f}")
     return table
 
 
-def _triple(values: Array, digits: int) -> str:
-    return "  ".join(f"{value:.{digits}f}" for value in values)
+def _column(values: Array) -> str:
+    return "\n".join(f"{value:z.2f}" for value in values)

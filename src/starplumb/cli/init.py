@@ -42,6 +42,10 @@ def init(
     write_campaign(folder, campaign, C_EK_true=C_EK_true)
     speak = Output(json, quiet)
     path = folder / "campaign.toml"
-    speak.document({"campaign": str(path), "images": images, "observations": int(campaign.sightings.image.size)})
-    speak.show(f"wrote {path}: {images} images of {len(campaign.landmarks.ids)} markers, the true mounting known",
-               f"next: starplumb calibrate {path}")
+    speak.document(
+        {"campaign": str(path), "images": images, "observations": int(campaign.sightings.image.size)}
+    )
+    speak.show(
+        f"wrote {path}: {images} images of {len(campaign.landmarks.ids)} markers, the true mounting known",
+        f"next: starplumb calibrate {path}",
+    )

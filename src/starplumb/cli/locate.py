@@ -17,15 +17,20 @@ if TYPE_CHECKING:
 
 def locate(
     campaign: Annotated[Path, typer.Argument(help="The campaign.toml.", metavar="CAMPAIGN.toml")],
-    column: Annotated[float, typer.Argument(metavar="COLUMN", help="Column, in the campaign's pixel origin.")],
+    column: Annotated[
+        float, typer.Argument(metavar="COLUMN", help="Column, in the campaign's pixel origin.")
+    ],
     row: Annotated[float, typer.Argument(metavar="ROW")],
     image: Annotated[str, typer.Option("--image", "-i", help="The image's id.")],
     result: Annotated[
-        Path | None, typer.Option("--result", "-r", help="result.json to take the mounting from [default: the model].")
+        Path | None,
+        typer.Option("--result", "-r", help="result.json to take the mounting from [default: the model]."),
     ] = None,
     height_m: Annotated[float, typer.Option("--height-m", help="Ground height above the ellipsoid.")] = 0.0,
     sigma_height_m: Annotated[float, typer.Option("--sigma-height-m", min=0.0, help="Its sigma.")] = 0.0,
-    sigma_px: Annotated[float, typer.Option("--sigma-px", min=0.0, help="Sigma of the pixel's coordinates.")] = 0.0,
+    sigma_px: Annotated[
+        float, typer.Option("--sigma-px", min=0.0, help="Sigma of the pixel's coordinates.")
+    ] = 0.0,
     json: Json = False,
     quiet: Quiet = False,
 ) -> None:
@@ -50,14 +55,25 @@ def locate(
     speak.notices(loaded.notices)
     ids = loaded.campaign.images.ids
     if image not in ids:
-        raise InputError(f"--image: found {image!r}, wanted one of {', '.join(ids[:8])}{' ...' if len(ids) > 8 else ''}")
+        raise InputError(
+            f"--image: found {image!r}, wanted one of {', '.join(ids[:8])}{' ...' if len(ids) > 8 else ''}"
+        )
     C_EK, covariance_E, known = read_mounting(result, loaded) if result else _model(loaded)
     pixel = np.array([[column, row]]) - loaded.shift_px
     where = ground(
-        loaded.campaign, C_EK, covariance_E, np.array([ids.index(image)]), pixel, height_m, sigma_px, sigma_height_m
+        loaded.campaign,
+        C_EK,
+        covariance_E,
+        np.array([ids.index(image)]),
+        pixel,
+        height_m,
+        sigma_px,
+        sigma_height_m,
     )
     if not np.all(np.isfinite(where.p_J)):
-        raise InputError(f"{campaign}: the line of sight of pixel ({column:g}, {row:g}) of {image} misses the Earth")
+        raise InputError(
+            f"{campaign}: the line of sight of pixel ({column:g}, {row:g}) of {image} misses the Earth"
+        )
     document = _document(where, image, (column, row), known)
     speak.document(document)
     speak.show(*_lines(document))

@@ -20,6 +20,10 @@ Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but er
 Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Say more: what was read, and each step.")]
 
 
+PIPE_WIDTH = 120
+"""Columns of a table that no terminal shows: the same whatever it is piped into."""
+
+
 @dataclass(frozen=True)
 class Output:
     """The way one command speaks: ``json`` prints only the document, ``quiet`` nothing, ``verbose`` details as well."""
@@ -32,7 +36,9 @@ class Output:
     def console(self) -> Console:
         from rich.console import Console
 
-        return Console(highlight=False, soft_wrap=True)
+        width = None if sys.stdout.isatty() else PIPE_WIDTH
+        # names of campaigns and files are shown as they are, brackets and colons included
+        return Console(highlight=False, soft_wrap=True, markup=False, emoji=False, width=width)
 
     def show(self, *parts: RenderableType) -> None:
         """Tables and sentences for a person."""
