@@ -46,16 +46,18 @@ def _camera(kind: Literal["frame", "line-scan"]) -> Camera:
 def demo(kind: Literal["frame", "line-scan"], images: int, seed: int) -> tuple[Campaign, Array]:
     """A measured campaign and its true mounting C_EK; the same for the same arguments.
 
-    The images are taken 25 s apart along one pass, tilted up to 8 deg to all sides, every other one turned by 90 deg
-    about the boresight; the model mounting is off by some tenths of a degree about each axis.
+    The images are taken 25 s apart along one pass, tilted up to 8 deg to all sides, every other one turned about the
+    boresight, a frame by 90 deg and a line scanner, whose line must lie across the track, by 180 deg; the model mounting
+    is off by some tenths of a degree about each axis.
     """
     rng = np.random.default_rng(seed)
     orientation = EarthOrientation.load()
     epoch_ns = int(parse([EPOCH], "UTC")[0])
     C_EK_true = so3.exp(DEG * np.array([0.3, -0.8, 91.0]))
     time: Array = 25.0 * np.arange(images, dtype=np.float64)
-    flight = scene.Pass(time, _aims(orientation, epoch_ns, time), 0.5 * np.pi * (np.arange(images) % 2))
     camera = _camera(kind)
+    turn = np.pi if camera.scans else 0.5 * np.pi
+    flight = scene.Pass(time, _aims(orientation, epoch_ns, time), turn * (np.arange(images) % 2))
     period = LINE_PERIOD_S if camera.scans else 0.0
     truth = scene.photograph(
         camera, ORBIT, orientation, epoch_ns, flight, C_EK_true, SIGMAS, Corrections(), period, "starplumb demo"
