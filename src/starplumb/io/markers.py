@@ -189,15 +189,11 @@ def _pixels(table: Table, grid: Grid) -> tuple[Array, Array, Array]:
     """Column, row and sigma; a pixel must lie in the image as its user counts, then (0, 0) is moved to our
     place."""
     table.require(table.numbers["sigma_px"] > 0.0, "sigma_px", "a positive number of pixels")
+    low = grid.shift_px - 0.5
     for name, count in (("column_px", grid.columns), ("row_px", grid.rows)):
-        low = grid.shift_px - 0.5
-        x = table.numbers[name]
-        wanted = (
-            f"{low:g} to {low + count:.12g}, the image"
-            if np.isfinite(count)
-            else f"{low:g} or more, the image"
-        )
-        table.require((x >= low) & (x <= low + count), name, wanted)
+        if np.isfinite(count):  # a line scanner's rows are epochs: orbit and attitude bound them
+            x = table.numbers[name]
+            table.require((x >= low) & (x <= low + count), name, f"{low:g} to {low + count:.12g}, the image")
     shift = grid.shift_px
     return table.numbers["column_px"] - shift, table.numbers["row_px"] - shift, table.numbers["sigma_px"]
 
