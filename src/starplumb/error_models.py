@@ -129,7 +129,7 @@ def drift(
     harmonics: tuple[int, ...],
     shape: Distribution = _GAUSSIAN,
 ) -> Source:
-    """Thermal drift ``sum_k a_k cos(k u) + b_k sin(k u)``, u the argument of latitude, a_k, b_k of ``sigma`` (3,) rad."""
+    """Thermal drift ``sum_k a_k cos(k u) + b_k sin(k u)`` over the argument of latitude; a_k, b_k of ``sigma`` rad."""
     u = argument_of_latitude(*flight.state_I)
     waves = [wave(k * u)[:, None, None] * axes for k in harmonics for wave in (np.cos, np.sin)]
     pattern = np.concatenate(waves, axis=-1)

@@ -1,9 +1,10 @@
-"""Passes over a site: the orbit that makes one, the times and points of its images, and several flown as one campaign."""
+"""Passes over a site: the orbit that makes one, the times and aims of its images, several flown as one campaign."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -128,7 +129,7 @@ def join(campaigns: Sequence[Campaign]) -> tuple[Campaign, Index]:
     first = campaigns[0]
     series = [(c.ephemeris.t_ns[0], c.ephemeris.t_ns[-1], c) for c in campaigns]
     series.sort(key=lambda entry: int(entry[0]))
-    if any(a[1] >= b[0] for a, b in zip(series[:-1], series[1:], strict=True)):
+    if any(a[1] >= b[0] for a, b in pairwise(series)):
         raise InputError("two passes overlap in time")
     ordered = [entry[2] for entry in series]
     t_ns = np.concatenate([c.ephemeris.t_ns for c in ordered])

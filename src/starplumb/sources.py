@@ -1,9 +1,9 @@
-"""Error sources: what varies, which measurements share one draw of it, how it is distributed, what it does to a pixel.
+"""Error sources: what varies, who shares one draw of it, how it is distributed, what it does to a pixel.
 
-Every source is one formula.  Element j of an error field (an image's attitude, a landmark's place, a sighting's pixel...)
-is off by ``pattern_j diag(sigma) xi_g(j)``, where xi_g is drawn once for each group g of elements with mean 0 and
-variance 1.  White noise has a group for every element; an error of a pass, or of the campaign, one for all of its images;
-a drift with the orbit or a correlated error one group and a pattern that varies from image to image.
+Every source is one formula.  Element j of an error field (an image's attitude, a landmark's place, a sighting's
+pixel...) is off by ``pattern_j diag(sigma) xi_g(j)``, where xi_g is drawn once for each group g of elements with mean 0
+and variance 1.  White noise has a group for every element; an error of a pass, or of the campaign, one for all of its
+images; a drift with the orbit or a correlated error one group and a pattern that varies from image to image.
 """
 
 from __future__ import annotations
@@ -71,8 +71,9 @@ class Distribution:
 class Source:
     """One source of error.
 
-    ``pattern`` (J, d, q) over the J elements of ``field``, of d coordinates each; ``group`` (J,) the draw that an element
-    takes; ``component`` (q,) which of the ``sigma`` (c,) (SI) scales each coordinate of a draw; ``labels`` (c,) name them.
+    ``pattern`` (J, d, q) over the J elements of ``field``, of d coordinates each; ``group`` (J,) the draw that an
+    element takes; ``component`` (q,) which of the ``sigma`` (c,) (SI) scales each coordinate of a draw; ``labels`` (c,)
+    name them.
     """
 
     name: str
@@ -154,7 +155,7 @@ def element(o: Observations, field: Field) -> Index:
 
 
 def _slope(o: Observations, model: Linearised, field: Field) -> Array:
-    """d z / d field of each sighting (n, 2, d), by the first order of the measurement equation (:mod:`starplumb.model`)."""
+    """d z / d field of each sighting (n, 2, d), by the first order of the measurement equation."""
     match field:
         case "alpha_E":
             return model.H

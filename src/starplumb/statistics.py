@@ -5,7 +5,7 @@ Parts are merged in a fixed order by whoever holds them, so a result depends on 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from math import log, log1p
 
 import numpy as np
@@ -52,8 +52,8 @@ class Moments:
         mean = np.mean(values, axis=0)
         deviation = values - mean
         square = deviation * deviation
-        powers = (np.sum(power, axis=0) for power in (square, square * deviation, square * square))
-        return cls(np.array(n), mean, *powers, np.min(values, axis=0), np.max(values, axis=0))
+        M2, M3, M4 = (np.sum(power, axis=0) for power in (square, square * deviation, square * square))
+        return cls(np.array(n), mean, M2, M3, M4, np.min(values, axis=0), np.max(values, axis=0))
 
     def merge(self, other: Moments) -> Moments:
         """Of the draws of both."""
@@ -72,7 +72,7 @@ class Moments:
             + 4.0 * d * (a * other.M3 - b * self.M3) / n
         )
         low, high = np.minimum(self.low, other.low), np.maximum(self.high, other.high)
-        return Moments(self.n + other.n, self.mean + d * b / n, M2, M3, M4, low, high)
+        return Moments(np.asarray(self.n + other.n), self.mean + d * b / n, M2, M3, M4, low, high)
 
     @property
     def variance(self) -> Array:
@@ -126,8 +126,8 @@ class Moments:
 class Sketch:
     """Distribution of one quantity in buckets whose width is a fixed fraction of their value.
 
-    ``key`` (k,) ascending and ``count`` (k,): bucket ``j > 0`` holds ``ratio^(j-1) < x/smallest <= ratio^j``, bucket ``-j``
-    the same of ``-x``, bucket 0 what is smaller.  Counts are whole, so merging is exact in any order.
+    ``key`` (k,) ascending and ``count`` (k,): bucket ``j > 0`` holds ``ratio^(j-1) < x/smallest <= ratio^j``,
+    bucket ``-j`` the same of ``-x``, bucket 0 what is smaller.  Counts are whole, so merging is exact in any order.
     Source: C. Masson, J. E. Rim, H. K. Lee, DDSketch, Proc. VLDB Endowment 12 (2019).
     """
 
@@ -179,20 +179,6 @@ class Sketch:
         rank = np.array([np.ceil(n * q) - 1.0, np.floor(n * q - spread), np.ceil(n * q + spread)])
         value, low, high = self.ranked(rank)
         return float(value), float(low), float(high)
-
-    def histogram(self, edges: Array) -> Index:
-        """Draws between ascending edges (k + 1,)."""
-        counts, _ = np.histogram(self.values, edges, weights=self.count)
-        return counts.astype(np.int64)
-
-
-def empty_sketch() -> Sketch:
-    return Sketch(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64))
-
-
-def pack(prefix: str, part: Moments | Sketch) -> dict[str, NDArray[np.float64] | Index]:
-    """Fields by name, to be stored as arrays."""
-    return {f"{prefix}.{field.name}": getattr(part, field.name) for field in fields(part)}
 
 
 def chi2_band(degrees_of_freedom: float, level: float = 0.95) -> tuple[float, float]:

@@ -9,9 +9,12 @@ import typer
 from .. import __version__
 from .calibrate import calibrate
 from .compare import compare
+from .diagnose import diagnose
 from .import_ import import_
 from .init import init
 from .locate import locate
+from .reproduce import reproduce
+from .simulate import simulate
 
 app = typer.Typer(
     help="In-flight alignment of an Earth-observation camera with its star tracker.",
@@ -37,5 +40,5 @@ def _options(
     pass
 
 
-for command in (init, import_, calibrate, compare, locate):
+for command in (init, import_, calibrate, compare, diagnose, locate, simulate, reproduce):
     app.command(command.__name__.rstrip("_"))(command)

@@ -48,10 +48,9 @@ def shipped_scenarios() -> dict[str, Path]:
 
 def find_scenario(name: str) -> Path:
     """A file of this name, or the shipped scenario.  Raises InputError that lists the shipped ones."""
-    path = Path(name)
-    if path.exists() or path.suffix:
+    path, shipped = Path(name), shipped_scenarios()
+    if path.exists() or path.suffix == ".toml":
         return path
-    shipped = shipped_scenarios()
     if name in shipped:
         return shipped[name]
     near = nearest(name, shipped)
@@ -134,7 +133,8 @@ def _file_orbit(
     from .motion import read_ephemeris
 
     orbit, times = config.orbit, config.images.times_s or tuple(flight.time_s for flight in config.passes)
-    assert orbit.file is not None and orbit.frame is not None  # the document's rules saw to it
+    assert orbit.file is not None  # the document's rules saw to both
+    assert orbit.frame is not None
     around = scene.epochs_ns(epoch_ns, [min(times) - FILE_MARGIN_S, max(times) + FILE_MARGIN_S])
     about = EphemerisConfig(file=orbit.file, frame=orbit.frame, sigma_m=(0.0, 0.0, 0.0), object=orbit.object)
     scale = config.scenario.time_scale

@@ -9,9 +9,10 @@ from starplumb import error_models as errors
 from starplumb import so3
 from starplumb.error_models import Flight, Tracker
 from starplumb.sources import Distribution, Source
-from starplumb.units import ARCSEC
+from starplumb.units import ARCSEC, DEG
 
-from .scenario_config import SHARED_BY, ErrorConfig, ScenarioConfig, TrackerConfig
+from .scenario_config import ScenarioConfig
+from .scenario_error_config import SHARED_BY, ErrorConfig, TrackerConfig
 
 Array = NDArray[np.float64]
 
