@@ -38,7 +38,7 @@ class Answer:
 
     ``correction_E`` (3,) rad of ``C_EK = exp(d) C_EK_model``; ``sigma_E`` (3,) rad with every stated error in it and
     ``naive_sigma_E`` as the method's own equations have it, None where it states none; ``from_gls`` (3,) its difference
-    from gls in units of the sigma of gls; ``seconds`` of computing; ``remarks`` one short sentence each.
+    from gls in units of the sigma of gls, NaN where either must not be used; ``seconds`` of computing; ``remarks`` one short sentence each.
     """
 
     method: str
@@ -102,15 +102,17 @@ def _answer(
     if isinstance(estimator, Linear):
         naive = replace(estimator, covariance="naive")(observations, C_EK).sigma_E
     status = Status(int(estimate.status))
-    difference = so3.log(estimate.C_EK @ gls.C_EK.mT)
+    from_gls = np.full(3, np.nan)
+    if status.usable and Status(int(gls.status)).usable and gls.sigma_E is not None:
+        from_gls = so3.log(estimate.C_EK @ gls.C_EK.mT) / gls.sigma_E
     return Answer(
         method=name,
         status=status,
         C_EK=estimate.C_EK,
         correction_E=so3.log(estimate.C_EK @ C_EK.mT),
-        sigma_E=estimate.sigma_E,
+        sigma_E=estimate.sigma_E if status.usable else None,
         naive_sigma_E=naive,
-        from_gls=np.full(3, np.nan) if gls.sigma_E is None else difference / gls.sigma_E,
+        from_gls=from_gls,
         seconds=seconds,
         remarks=tuple(_remarks(estimator, Case(observations, C_EK, estimate, gls))),
     )

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
-from problems import C_EK_TRUE, FRAME, LINE, truth
 
+from problems import C_EK_TRUE, FRAME, LINE, truth
 from starplumb.estimators.cross_product import CrossProduct
 from starplumb.estimators.gls import Gls
 from starplumb.estimators.ground_plane import GroundPlane

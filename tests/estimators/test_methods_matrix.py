@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from harness import BATCHES, CONVERGED, PROBLEMS, SOURCES, STATES_SIGMA, Source, scene, still
-from problems import C_EK_TRUE
 
+from problems import C_EK_TRUE
 from starplumb import so3
 from starplumb.estimators import METHODS
 from starplumb.estimators.projective import Projective
@@ -69,7 +69,7 @@ def test_either_side_may_carry_the_batch(name, rng):
 @pytest.mark.parametrize("source", SOURCES, ids=lambda s: s.name)
 @pytest.mark.parametrize("name", STATES_SIGMA)
 def test_sigma_is_what_each_source_alone_does(name, source: Source, rng):
-    """Error / stated sigma has rms 1 on every axis, for each source by itself and with another geometry for each image."""
+    """Error / stated sigma has rms 1 on every axis, each source by itself, images turned."""
     runs = 1500
     o = source.alone(scene("frame turned"))
     table = measure(o, C_EK_TRUE, Errors.draw(o, rng, (runs,)))

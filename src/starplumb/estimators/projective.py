@@ -49,7 +49,8 @@ class Projective:
     lengths and C' the nearest rotation.  ``C_EK = C_EJ C_JT C'^T D``, (13).
 
     ``heights="removed"`` carries each marker along the line of sight from the measured position onto Z = 0;
-    ``"ignored"``, as published, drops its Z and is biased by hundreds of arcsec where the ground is not flat.
+    ``"ignored"``, as published, drops its Z and is biased by tens of arcsec for each metre that heights scatter
+    (33 km images).
     A scanner's rows are first turned and shifted to its first sighting by the measured motion; since the
     turn needs the mounting, that converges with ``iterations``.
 
