@@ -120,6 +120,8 @@ class _Search:
         for i in self._wrong_images(used):
             verdict[self.seen & (self.o.image == i)] = int(Verdict.IMAGE)
         state, verdict = self._snoop(state, verdict)
+        for place in self._wrong_landmarks(state, verdict):
+            verdict[(self.o.landmark == place) & (verdict != int(Verdict.IMAGE))] = int(Verdict.LANDMARK)
         return self._finish(state, verdict)
 
     def _uncertainty(self, found: Consensus) -> Array:
@@ -152,6 +154,27 @@ class _Search:
             own = consensus(rows, np.random.default_rng(self.options.seed), self._bend(rows), alone=True)
             if own is not None and np.sum(own.agree) >= max(LEAST, 0.5 * np.sum(mine)):
                 wrong.append(int(i))
+        return wrong
+
+    def _wrong_landmarks(self, state: State, verdict: NDArray[np.int64]) -> list[int]:
+        """Landmarks of which hardly a sighting is used though most of them agree on another place."""
+        wrong = []
+        out = self.seen & (verdict == int(Verdict.SIGHTING))
+        used = self.seen & (verdict == int(Verdict.USED))
+        for place in np.flatnonzero(np.bincount(self.o.landmark[out], minlength=self.o.n_landmarks) > 2):
+            mine = (out | used) & (self.o.landmark == place)
+            if np.sum(used & mine) > 0.25 * np.sum(mine):
+                continue
+            free = np.array(self.o.cov_landmark_J)
+            free[place] += 1e8 * np.eye(3)
+            problem = self.problem(state, used | mine)
+            moved = replace(problem.observations, cov_landmark_J=free)
+            tested = reliability(moved, problem.model, problem.A, problem.prior)
+            if tested is None:
+                continue
+            fits = excess(tested, self.options.alpha, self.options.alpha_group)[0][mine] <= 1.0
+            if np.mean(fits) >= 0.75:
+                wrong.append(int(place))
         return wrong
 
     def _bend(self, rows: Observations) -> Array:

@@ -1,0 +1,172 @@
+"""Reliability against the dense adjustment it abbreviates, and rejections against errors planted by hand."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.linalg import block_diag
+from scipy.stats import chi2 as chi2_distribution
+
+from problems import C_EK_TRUE, FRAME, LINE, truth
+from starplumb import so3
+from starplumb.adjustment import solve
+from starplumb.estimators.gls import Gls
+from starplumb.estimators.protocol import Verdict
+from starplumb.estimators.robust import Robust
+from starplumb.estimators.selfcal import SelfCalibration
+from starplumb.geometry import observe
+from starplumb.model import linearise
+from starplumb.reliability import reliability
+from starplumb.simulate import Errors, measure
+from starplumb.snooping import problem_at, rejections, snoop
+from starplumb.units import ARCSEC
+
+SCENES = {
+    "own markers": lambda: observe(truth(FRAME, 3, 5)),
+    "one site": lambda: observe(truth(FRAME, 5, 6, shared_site=True)),
+    "line": lambda: observe(truth(LINE, 3, 5)),
+}
+
+
+def dense(o, model):
+    """Covariance (2 n, 2 n) px^2 of the residuals of all sightings, written down error by error."""
+    V = block_diag(*(o.sigma_px[:, None, None] ** 2 * np.eye(2)))
+    for shared, design, index in (
+        (o.cov_attitude_E, model.H, o.image),
+        (o.cov_position_J, model.R, o.image),
+        (o.cov_landmark_J, model.R, o.landmark),
+    ):
+        shared = np.broadcast_to(shared, (shared.shape[-3], 3, 3))
+        for member in range(shared.shape[0]):
+            J = np.where((index == member)[:, None, None], design, 0.0).reshape(-1, 3)
+            V += J @ shared[member] @ J.T
+    return V
+
+
+def snooped(o, weight):
+    o = replace(o, weight=weight)
+    estimate = Gls()(o, C_EK_TRUE)
+    problem = problem_at(SelfCalibration(), o, C_EK_TRUE, estimate, weight > 0.0)
+    return problem, snoop(problem, estimate)
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_statistics_are_those_of_the_dense_adjustment(name, rng):
+    """Baarda's w, the mean-shift test, the detectable error and its effect, from V, A and nothing else."""
+    o = SCENES[name]()
+    o = measure(o, C_EK_TRUE, Errors.draw(o, rng))
+    problem, found = snooped(o, np.ones(o.n))
+    model = problem.model
+    P, A = np.linalg.inv(dense(o, model)), model.H.reshape(-1, 3)
+    N = np.linalg.inv(A.T @ P @ A)
+    M = P - P @ A @ N @ A.T @ P  # P Q_vv P
+    z = model.z_px.reshape(-1)
+    w = (M @ z) / np.sqrt(np.diag(M))
+    np.testing.assert_allclose(found.w.reshape(-1), w, rtol=1e-4, atol=1e-5)
+    np.testing.assert_allclose(found.detectable_px.reshape(-1), 4.132 / np.sqrt(np.diag(M)), rtol=1e-3)
+    effect = np.linalg.norm(N @ A.T @ P, axis=0) * 4.132 / np.sqrt(np.diag(M))
+    np.testing.assert_allclose(found.effect_E, effect.reshape(-1, 2).max(axis=1), rtol=1e-3)
+    T = [
+        (M @ z)[2 * i :][:2] @ np.linalg.solve(M[2 * i :, 2 * i :][:2, :2], (M @ z)[2 * i :][:2])
+        for i in range(o.n)
+    ]
+    np.testing.assert_allclose(found.statistic**2, T, rtol=1e-4, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_redundancies_sum_to_the_degrees_of_freedom(name, rng):
+    """Sightings, images and landmarks together: 2 n - 3."""
+    o = SCENES[name]()
+    o = measure(o, C_EK_TRUE, Errors.draw(o, rng))
+    model = linearise(o, Gls()(o, C_EK_TRUE).C_EK)
+    found = reliability(o, model, model.H)
+    images = np.sum(6.0 - np.trace(found.image_cofactor, axis1=1, axis2=2))
+    landmarks = np.sum(3.0 - np.trace(found.landmark_cofactor, axis1=1, axis2=2))
+    assert 2.0 * np.sum(found.redundancy) + images + landmarks == pytest.approx(2 * o.n - 3, rel=1e-9)
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_a_sighting_left_out_has_the_statistic_it_had(name, rng):
+    """Whether it is in the solution or predicted by it: the fall of chi-square, up to second order."""
+    o = SCENES[name]()
+    o = measure(o, C_EK_TRUE, Errors.draw(o, rng))
+    weight = np.ones(o.n)
+    _, inside = snooped(o, weight)
+    weight[4] = 0.0
+    problem, outside = snooped(o, weight)
+    for field in ("statistic", "redundancy", "effect_E", "w", "detectable_px"):
+        np.testing.assert_allclose(
+            getattr(outside, field)[4], getattr(inside, field)[4], rtol=2e-3, atol=2e-4
+        )
+    fall = Gls()(o, C_EK_TRUE).chi2 - Gls()(problem.observations, C_EK_TRUE).chi2
+    assert outside.statistic[4] ** 2 == pytest.approx(fall, rel=1e-3)
+
+
+def test_the_statistics_have_the_distribution_they_are_tested_with(rng):
+    """Over runs: chi-square of a sighting, an image and a landmark by their own degrees of freedom, and w normal."""
+    o = SCENES["one site"]()
+    T = {"sightings": [], "images": [], "landmarks": []}
+    w = []
+    for _ in range(150):
+        table = measure(o, C_EK_TRUE, Errors.draw(o, rng))
+        _, found = snooped(table, np.ones(o.n))
+        w.append(found.w)
+        for kind, p in T.items():
+            statistic, dof = getattr(found.tested, kind)
+            p.append(chi2_distribution.sf(statistic, dof))
+    assert np.std(w) == pytest.approx(1.0, abs=0.03)
+    for kind, p in T.items():
+        assert np.mean(p) == pytest.approx(0.5, abs=0.03), kind
+        assert np.mean(np.array(p) < 0.05) == pytest.approx(0.05, abs=0.02), kind
+
+
+def test_the_image_statistic_is_that_of_freeing_the_image(rng):
+    """Chi-square falls by T when an image's attitude and position are no longer held by their stated sigmas."""
+    o = SCENES["own markers"]()
+    o = measure(o, C_EK_TRUE, Errors.draw(o, rng))
+    C = Gls()(o, C_EK_TRUE).C_EK
+    model = linearise(o, C)
+    tested = reliability(o, model, model.H)
+    free = np.array(np.broadcast_to(o.cov_attitude_E, (3, 3, 3)))
+    free[1] *= 1e6  # three of the six numbers show: the attitude alone takes nearly all of them up
+    freed = solve(replace(o, cov_attitude_E=free), model, model.H)
+    held = solve(o, model, model.H)
+    assert tested.images[1][1] == 3
+    assert tested.images[0][1] == pytest.approx(held.chi2 - freed.chi2, rel=0.1)
+
+
+def test_every_rejection_says_why(rng):
+    """A sighting, a landmark surveyed 60 m off and an image half a second late, each found as what it is."""
+    o = observe(truth(FRAME, 8, 9, shared_site=True))
+    table = measure(o, C_EK_TRUE, Errors.draw(o, rng))
+    xy, p_J, C_EJ, r_J = (np.array(v) for v in (table.xy_K, table.p_J, table.C_EJ, table.r_J))
+    late = o.image == 5
+    C_EJ[late] = so3.exp(0.5 * o.omega_E[late]) @ C_EJ[late]
+    r_J[late] += 0.5 * o.v_J[late]
+    p_J[o.landmark == 7] += [0.0, 0.0, 60.0]
+    table = replace(table.with_geometry(p_J=p_J, C_EJ=C_EJ, r_J=r_J))
+    row = int(np.flatnonzero((o.image == 2) & (o.landmark == 3))[0])
+    xy[row] += np.array([40.0, -25.0]) * 9e-6 / 2.2
+    table = replace(table, xy_K=xy)
+    estimate = Robust()(table, C_EK_TRUE)
+    verdict = estimate.verdict
+    assert verdict[row] == Verdict.SIGHTING
+    assert np.all(verdict[late] == Verdict.IMAGE)
+    assert np.all(verdict[(o.landmark == 7) & ~late] == Verdict.LANDMARK)
+    problem = problem_at(SelfCalibration(), table, C_EK_TRUE, estimate, verdict == Verdict.USED)
+    found = {(r.image, r.landmark): r for r in rejections(problem, snoop(problem, estimate), verdict)}
+    # predicted minus measured is minus what was planted
+    assert "-40." in found[2, 3].reason or "-39." in found[2, 3].reason
+    assert "epoch -0.5" in found[5, 0].reason or "epoch -0.49" in found[5, 0].reason
+    assert "another place" in found[0, 7].reason
+    assert all(r.statistic > 3.7 for r in found.values())
+
+
+def test_one_marker_controls_nothing():
+    """Two sightings and a prior of nothing: no redundancy but that of the shared errors' own sigmas."""
+    o = observe(truth(FRAME, 1, 2))
+    _, found = snooped(o, np.ones(2))
+    assert np.all(found.redundancy < 0.51)
+    assert np.all(found.effect_E > 1.0 * ARCSEC)
