@@ -48,8 +48,8 @@ def calibrate(
     speak = Output(json, quiet, verbose)
     estimator = _estimator(method, METHODS)
     loaded = load_campaign(campaign)
-    speak.notices(loaded.notices)
     done = run(loaded.campaign, estimator())
+    speak.notices(loaded.notices)
     document = _publish(loaded, done, method, out or campaign.parent / "result", report)
     speak.document(document)
     speak.show(_table(done, loaded.C_EK_true), *_sentences(done, out or campaign.parent / "result"))
@@ -74,7 +74,7 @@ def _estimator(method: str, methods: dict[str, Any]) -> Any:
 def _publish(
     loaded: LoadedCampaign, done: Calibration, method: str, out: Path, report: bool
 ) -> dict[str, Any]:
-    """Write the files of the result, all or none, and return result.json."""
+    """Write the files of the result, all or none, and return result.json; files of an earlier one go."""
     from ..io.result import provenance, residual_columns, residual_names, result_document
     from ..io.spice import frame_kernel_text
     from ..io.write import csv_text, json_text, publish
@@ -101,7 +101,7 @@ def _publish(
                 f"status: {done.status.name.lower()}",
             ],
         )
-    publish(out, files)
+    publish(out, files, instead_of=("report.html", "mounting.tf"))
     return document
 
 
@@ -122,7 +122,9 @@ def _table(done: Calibration, C_EK_true: Array | None) -> Table:
     )
     if C_EK_true is not None:
         error = so3.log(done.estimate.C_EK @ C_EK_true.mT)
-        table.add_row("known truth", *(f"{value:.3f}" for value in so3.log(C_EK_true @ done.campaign.C_EK.mT) / ARCSEC))
+        table.add_row(
+            "known truth", *(f"{value:.3f}" for value in so3.log(C_EK_true @ done.campaign.C_EK.mT) / ARCSEC)
+        )
         table.add_row("error", *(f"{value:.3f}" for value in error / ARCSEC))
         if sigma is not None:
             table.add_row("error / sigma", *(f"{value:.2f}" for value in error / sigma))

@@ -43,8 +43,8 @@ def compare(
 
     speak = Output(json, quiet, verbose)
     loaded = load_campaign(campaign)
-    speak.notices(loaded.notices)
     answers = run(loaded.campaign)
+    speak.notices(loaded.notices)
     document = _document(answers, loaded)
     if out is not None:
         write_text(out / "compare.json", json_text(document))

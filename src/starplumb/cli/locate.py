@@ -47,17 +47,16 @@ def locate(
     from ..io.result import read_mounting
     from ..location import ground
 
-    for name, value in (("COLUMN", column), ("ROW", row), ("--height-m", height_m)):
-        if not np.isfinite(value):
-            raise InputError(f"{name}: found {value}, wanted a finite number")
+    if not np.isfinite(height_m):
+        raise InputError(f"--height-m: found {height_m}, wanted a finite number")
     speak = Output(json, quiet)
     loaded = load_campaign(campaign, with_detections=True)
-    speak.notices(loaded.notices)
     ids = loaded.campaign.images.ids
     if image not in ids:
         raise InputError(
             f"--image: found {image!r}, wanted one of {', '.join(ids[:8])}{' ...' if len(ids) > 8 else ''}"
         )
+    _require_inside(loaded, column, row)
     C_EK, covariance_E, known = read_mounting(result, loaded) if result else _model(loaded)
     pixel = np.array([[column, row]]) - loaded.shift_px
     where = ground(
@@ -75,8 +74,22 @@ def locate(
             f"{campaign}: the line of sight of pixel ({column:g}, {row:g}) of {image} misses the Earth"
         )
     document = _document(where, image, (column, row), known)
+    speak.notices(loaded.notices)
     speak.document(document)
     speak.show(*_lines(document))
+
+
+def _require_inside(loaded: LoadedCampaign, column: float, row: float) -> None:
+    """Raise InputError for a pixel, counted as the user does, that the image does not have."""
+    from ..errors import InputError
+    from ..io.markers import bounds_px
+
+    for name, value, count in zip(
+        ("COLUMN", "ROW"), (column, row), loaded.campaign.camera.size_px, strict=True
+    ):
+        low, high = bounds_px(count, loaded.shift_px)
+        if not low <= value <= high:
+            raise InputError(f"{name}: found {value:g}, wanted {low:.12g} to {high:.12g}, the image")
 
 
 def _model(loaded: LoadedCampaign) -> tuple[Array, Array, str]:

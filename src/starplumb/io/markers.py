@@ -26,6 +26,8 @@ CARTESIAN = ("x_m", "y_m", "z_m")
 SIGMA_ENU = ("sigma_east_m", "sigma_north_m", "sigma_up_m")
 LIMITS = {"latitude_deg": (-90.0, 90.0), "longitude_deg": (-180.0, 360.0), "height_m": (-1000.0, 9500.0)}
 RADIUS_M = (6.3e6, 6.4e6)
+MOST_ROWS = 10_000_000
+"""A line scanner's rows are epochs, which orbit and attitude bound; beyond so many of them is a slip of the pen."""
 
 
 @dataclass(frozen=True)
@@ -189,13 +191,18 @@ def _pixels(table: Table, grid: Grid) -> tuple[Array, Array, Array]:
     """Column, row and sigma; a pixel must lie in the image as its user counts, then (0, 0) is moved to our
     place."""
     table.require(table.numbers["sigma_px"] > 0.0, "sigma_px", "a positive number of pixels")
-    low = grid.shift_px - 0.5
     for name, count in (("column_px", grid.columns), ("row_px", grid.rows)):
-        if np.isfinite(count):  # a line scanner's rows are epochs: orbit and attitude bound them
-            x = table.numbers[name]
-            table.require((x >= low) & (x <= low + count), name, f"{low:g} to {low + count:.12g}, the image")
+        low, high = bounds_px(count, grid.shift_px)
+        x = table.numbers[name]
+        table.require((x >= low) & (x <= high), name, f"{low:.12g} to {high:.12g}, the image")
     shift = grid.shift_px
     return table.numbers["column_px"] - shift, table.numbers["row_px"] - shift, table.numbers["sigma_px"]
+
+
+def bounds_px(count: float, shift_px: float) -> tuple[float, float]:
+    """First and last coordinate, as its user counts, of an image of ``count`` columns or rows, finite or not."""
+    low = shift_px - 0.5
+    return (low, low + count) if np.isfinite(count) else (-MOST_ROWS, MOST_ROWS)
 
 
 def _roles(table: Table) -> NDArray[np.bool_]:

@@ -10,10 +10,11 @@ from pathlib import Path
 from starplumb.errors import InputError
 
 
-def publish(folder: Path, files: Mapping[str, str]) -> None:
+def publish(folder: Path, files: Mapping[str, str], instead_of: Sequence[str] = ()) -> None:
     """Write text files into ``folder`` (made if need be), all or none.
 
     Every file is written and flushed under another name first; when all of them lie there they are renamed.
+    Those of ``instead_of`` that are not among them are removed: what an earlier run left no longer holds.
     Raises InputError where the folder cannot be written to; then nothing of the new content is left behind.
     """
     staged: list[tuple[Path, Path]] = []
@@ -32,6 +33,8 @@ def publish(folder: Path, files: Mapping[str, str]) -> None:
                 raise IsADirectoryError(None, "a folder of that name is in the way", str(place))
         for beside, place in staged:
             beside.replace(place)
+        for name in set(instead_of) - set(files):
+            (folder / name).unlink(missing_ok=True)
     except OSError as error:
         raise InputError(
             f"{folder}: found no way to write there ({error.strerror}), wanted a folder that can be written"
