@@ -36,9 +36,10 @@ Linear = LeastSquares | CrossProduct | ImagePlane | GroundPlane
 class Answer:
     """What one method makes of a campaign.
 
-    ``correction_E`` (3,) rad of ``C_EK = exp(d) C_EK_model``; ``sigma_E`` (3,) rad with every stated error in it and
-    ``naive_sigma_E`` as the method's own equations have it, None where it states none; ``from_gls`` (3,) its difference
-    from gls in units of the sigma of gls, NaN where either must not be used; ``seconds`` of computing; ``remarks`` one short sentence each.
+    ``correction_E`` (3,) rad of ``C_EK = exp(d) C_EK_model``; ``sigma_E`` (3,) rad with every stated error in it
+    and ``naive_sigma_E`` as the method's own equations have it, None where it states none; ``from_gls`` (3,) its
+    difference from gls in units of the sigma of gls, NaN where either must not be used; ``seconds`` of computing;
+    ``remarks`` one short sentence each.
     """
 
     method: str
