@@ -64,6 +64,16 @@ class Scenario:
         """The table without error with other stated sources."""
         return replace(state(self.truth, sources, self.model), prior_E=self.prior_E)
 
+    def alone(self, name: str, floor: float = 1e-3) -> Scenario:
+        """The scenario with one source only, truly and as stated; pixel noise stays at ``floor`` of itself, for no solution
+        does without."""
+
+        def kept(source: Source) -> Source:
+            return source.scaled(1.0 if source.name == name else floor if source.field == "pixel" else 0.0)
+
+        sources = tuple(kept(source) for source in self.sources)
+        return replace(self, sources=sources, stated_sources=tuple(s for s in sources if not s.is_blunder))
+
     @property
     def model_is_true(self) -> bool:
         """Whether the estimators are told the errors as they are."""

@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from .. import __version__
+from .budget import budget
 from .calibrate import calibrate
 from .compare import compare
 from .diagnose import diagnose
@@ -40,5 +41,5 @@ def _options(
     pass
 
 
-for command in (init, import_, calibrate, compare, diagnose, locate, simulate, reproduce):
+for command in (init, import_, calibrate, compare, diagnose, locate, simulate, budget, reproduce):
     app.command(command.__name__.rstrip("_"))(command)

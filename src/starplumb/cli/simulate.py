@@ -80,7 +80,7 @@ def simulate(
     format = choose_samples(samples) if out is not None else "none"
     study = Study(
         load_scenario(find_scenario(scenario)),
-        _estimators(methods),
+        chosen_estimators(methods),
         _checked_seed(seed),
         _number_of_trials(trials, precision),
         chunk,
@@ -113,7 +113,8 @@ def _checked_seed(seed: int) -> int:
     return seed
 
 
-def _estimators(names: str) -> dict[str, Any]:
+def chosen_estimators(names: str) -> dict[str, Any]:
+    """Estimators by their names, with commas between them."""
     from ..errors import InputError
     from ..estimators import METHODS
     from ..io.files import nearest
