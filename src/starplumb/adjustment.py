@@ -5,9 +5,9 @@ position error rho_J) and three per landmark (its place error pi_J), the latter 
 
     v = z + A x + H alpha_i - R rho_i + R pi_l,      minimise |v|^2/sigma^2 + |S^-1 (alpha, rho, pi)|^2
 
-Each image meets only its own six unknowns and each landmark its own three, so images are eliminated one by one (6 x 6),
-a landmark seen once is folded into the noise of its one sighting (2 x 2), and what is left is as wide as x and the
-landmarks seen more often.  No matrix with a row for every observation is multiplied out.  Leading batch axes pass through.
+Each image meets only its own six unknowns and each landmark its own three, so images are eliminated one by one
+(6 x 6), a landmark seen once is folded into the noise of its one sighting (2 x 2), and what is left is as wide as x and
+the landmarks seen more often; it is summed, sighting by sighting.  Leading batch axes pass through.
 
 With S a square root of the stated covariance the shared unknowns have unit prior: a stated sigma of zero is allowed.
 """
@@ -31,9 +31,9 @@ class Adjustment:
     """Solution of one linear step.
 
     ``x`` (..., k) step of the common parameters with ``information`` and ``covariance`` (..., k, k); shared errors
-    ``alpha_E`` (..., m, 3), ``rho_J`` (..., m, 3), ``pi_J`` (..., L, 3; zero for a landmark seen once, whose error stays in
-    its residual); ``v`` (..., n, 2) residuals once those are taken out, in units of their sigma; ``chi2`` (...) the
-    minimum, which has 2 n - k degrees of freedom (plus those of a prior on x).
+    ``alpha_E`` (..., m, 3), ``rho_J`` (..., m, 3), ``pi_J`` (..., L, 3; zero for a landmark seen once, whose error
+    stays in its residual); ``v`` (..., n, 2) residuals once those are taken out, in units of their sigma; ``chi2``
+    (...) the minimum, which has 2 n - k degrees of freedom (plus those of a prior on x).
     """
 
     x: Array
@@ -52,12 +52,14 @@ def square_root(covariance: Array) -> Array:
     return np.asarray((vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :]) @ vectors.mT)
 
 
-def _inverse_root_2x2(V: Array) -> Array:
-    """Lower triangular W with W V W^T = I for symmetric positive definite V (..., 2, 2)."""
+def _inverse_root_2x2(V: Array, smallest: Array) -> Array:
+    """Lower triangular W with W V W^T = I for symmetric V (..., 2, 2) with no eigenvalue below ``smallest`` (...)."""
     a, b, c = V[..., 0, 0], V[..., 0, 1], V[..., 1, 1]
     l00 = np.sqrt(a)
     l10 = b / l00
-    l11 = np.sqrt(c - l10 * l10)
+    l11 = np.sqrt(
+        np.maximum(c - l10 * l10, smallest)
+    )  # rounding may take the difference below what it can be
     W = np.zeros_like(V)
     W[..., 0, 0], W[..., 1, 1], W[..., 1, 0] = 1.0 / l00, 1.0 / l11, -l10 / (l00 * l11)
     return W
@@ -68,7 +70,7 @@ class Design:
     """Whitened observations ``v = z + A x + G a + D b`` in the unknowns' own units (unit prior on a and b).
 
     ``P`` (..., n, 2, 6 + k + 1) holds ``[G, A, z]``; ``D`` (..., n, 2, 3) is zero for a landmark seen once.
-    ``repeated`` (q,) are the landmarks seen more than once, ``place`` (n,) that of each sighting's among them (-1: none).
+    ``repeated`` (q,) are the landmarks seen more than once, ``place`` (n,) that of each sighting's (-1: not there).
     ``W`` (..., n, 2, 2) is what whitened them: units of sigma per pixel of column and row.
     """
 
@@ -93,7 +95,7 @@ def whiten(o: Observations, model: Linearised, A: Array) -> Design:
     once = (times_seen == 1)[o.landmark][:, None, None]
     D = model.R @ S_landmark[..., o.landmark, :, :]
     V = np.where(once, D @ D.mT, 0.0) + (o.sigma_px**2)[..., None, None] * np.eye(2)
-    W = _inverse_root_2x2(V) * np.sqrt(o.weight)[..., None, None]
+    W = _inverse_root_2x2(V, o.sigma_px**2) * np.sqrt(o.weight)[..., None, None]
     attitude = model.H @ S_attitude[..., o.image, :, :]
     position = -model.R @ S_position[..., o.image, :, :]
     blocks = [attitude, position, A, model.z_px[..., None]]
@@ -140,31 +142,33 @@ class Normal:
 
 
 def normal_equations(o: Observations, d: Design) -> Normal:
-    """Sum the normal equations and eliminate the images."""
+    """Sum the normal equations and eliminate the images.
+
+    With C = (G^T G + I)^-1 G^T Y the images leave ``Y^T (I + G G^T)^-1 Y = (Y - G C)^T (Y - G C) + C^T C``: a sum of
+    squares, which keeps its digits where an attitude error many times the pixel noise makes ``Y^T Y`` less
+    ``Y^T G C`` lose them.
+    """
     m, q, k = o.n_images, d.repeated.size, d.P.shape[-1] - 7
     squares = _image_squares(d.P, o.image, m)
-    seen = np.flatnonzero(d.place >= 0)
-    place, D, P = d.place[seen], d.D[..., seen, :, :], d.P[..., seen, :, :]
     batch = squares.shape[:-3]
-    DP = D.mT @ P
-    D_common = _sums(DP[..., 6:], place, q).reshape(*batch, 3 * q, k + 1)
-    GD = _sums(DP[..., :6].mT, o.image[seen] * q + place, m * q).reshape(*batch, m, q, 6, 3)
-    GY = np.concatenate(
-        [squares[..., :6, 6:-1], np.moveaxis(GD, -3, -2).reshape(*batch, m, 6, 3 * q)], axis=-1
-    )
-    Gz = squares[..., :6, -1:]
     inverse: Array = np.asarray(np.linalg.inv(squares[..., :6, :6] + np.eye(6)), dtype=np.float64)
-    common = np.sum(squares[..., 6:, 6:], axis=-3)
+    C = inverse @ squares[..., :6, 6:]
+    left = d.P[..., 6:] - d.P[..., :6] @ C[..., o.image, :, :]
+    rows = left.reshape(*batch, -1, k + 1)
+    common = rows.mT @ rows + np.sum(C.mT @ C, axis=-3)
     YY, Yz = np.zeros((*batch, k + 3 * q, k + 3 * q)), np.zeros((*batch, k + 3 * q, 1))
     YY[..., :k, :k], Yz[..., :k, :] = common[..., :k, :k], common[..., :k, k:]
-    YY[..., k:, :k], Yz[..., k:, :] = D_common[..., :k], D_common[..., k:]
-    YY[..., :k, k:] = YY[..., k:, :k].mT
+    seen = np.flatnonzero(d.place >= 0)
+    place, D = d.place[seen], d.D[..., seen, :, :]
+    across = _sums(D.mT @ left[..., seen, :, :], place, q).reshape(*batch, 3 * q, k + 1)
+    YY[..., k:, :k], YY[..., :k, k:], Yz[..., k:, :] = across[..., :k], across[..., :k].mT, across[..., k:]
+    GD = _sums(d.P[..., seen, :, :6].mT @ D, o.image[seen] * q + place, m * q).reshape(*batch, m, q, 6, 3)
+    GD = np.moveaxis(GD, -3, -2).reshape(*batch, m, 6, 3 * q)
     landmark = k + 3 * np.arange(q)[:, None] + np.arange(3)
     YY[..., landmark[:, :, None], landmark[:, None, :]] = _sums(D.mT @ D, place, q) + np.eye(3)
-    flat = (inverse @ GY).reshape(*batch, 6 * m, -1)
-    YY -= flat.mT @ GY.reshape(*batch, 6 * m, -1)
-    Yz -= flat.mT @ Gz.reshape(*batch, 6 * m, 1)
-    return Normal(inverse, GY, Gz, YY, Yz)
+    YY[..., k:, k:] -= (inverse @ GD).reshape(*batch, 6 * m, -1).mT @ GD.reshape(*batch, 6 * m, -1)
+    GY = np.concatenate([squares[..., :6, 6:-1], GD], axis=-1)
+    return Normal(inverse, GY, squares[..., :6, -1:], YY, Yz)
 
 
 def invert_information(information: Array) -> Array:

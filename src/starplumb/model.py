@@ -72,6 +72,11 @@ def _inverse(B: Array) -> Array:
     return np.asarray(inverse / determinant[..., None, None])
 
 
+def in_front(C_EK: Array, e_E: Array) -> NDArray[np.bool_]:
+    """Where directions e_E (..., n, 3) lie before a camera mounted at C_EK (..., 3, 3) and not behind it, (..., n)."""
+    return _project(C_EK, e_E)[2]
+
+
 def predict(C_EK: Array, e_E: Array) -> Array:
     """Tangents (..., n, 2) at which directions e_E (..., n, 3) appear in a camera mounted at C_EK (..., 3, 3)."""
     return _project(C_EK, e_E)[0]

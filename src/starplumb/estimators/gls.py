@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from .. import so3
 from ..adjustment import Adjustment, solve
-from ..model import Linearised, linearise
+from ..model import Linearised, in_front, linearise
 from ..observations import Observations
 from ..units import DEG
 from .protocol import AlignmentEstimate, Status
@@ -26,9 +26,9 @@ class Gls:
     """Minimise the residual of the measurement equation weighted by the covariance of ALL its stated errors.
 
     Attitude and position errors are shared by the markers of an image, a marker's place error by its images, pixel
-    noise by nobody (:mod:`starplumb.adjustment`); any other pattern (``observations.common_px``) is solved for beside the
-    alignment.  Gauss-Newton on the rotation group from the closed form
-    (:class:`Wahba`), so the size of the initial error does not matter::
+    noise by nobody (:mod:`starplumb.adjustment`); any other pattern (``observations.common_px``) is solved for beside
+    the alignment.  Gauss-Newton on the rotation group from the closed form (:class:`Wahba`), so the size of the initial
+    error does not matter::
 
         C_EK <- exp(x) C_EK,    x = -(A^T V^-1 A)^-1 A^T V^-1 z,    covariance (A^T V^-1 A)^-1
 
@@ -70,7 +70,8 @@ class Gls:
     ) -> AlignmentEstimate:
         weakest = np.linalg.eigvalsh(final.information)[..., 0]
         status = np.full(C.shape[:-2], int(Status.OK))
-        status[~converged | ~np.isfinite(final.chi2)] = int(Status.NOT_CONVERGED)
+        behind = np.any(~in_front(C, observations.e_E) & (observations.weight > 0.0), axis=-1)
+        status[~converged | ~np.isfinite(final.chi2) | behind] = int(Status.NOT_CONVERGED)
         status[~(weakest > SINGULAR_SIGMA**-2)] = int(Status.SINGULAR)
         seen = np.broadcast_to(np.sum(observations.weight > 0.0, axis=-1), status.shape)
         dof = 2 * seen - 3 + (3 if observations.prior_E is not None else 0)
