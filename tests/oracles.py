@@ -48,7 +48,7 @@ class Sighting:
         """Offset (column, row) of the predicted from the measured pixel if the measured attitude were turned by alpha,
         the measured position moved by rho and the survey by pi.  The row is searched for where rows are epochs."""
         offset = np.zeros(2)
-        for _ in range(1 if self.line_period == 0 else 6):
+        for _ in range(1 if self.line_period == 0 else 4):
             late = offset[1] * self.line_period
             C = Rotation.from_rotvec(late * self.omega_E) * Rotation.from_matrix(self.C_EJ)
             C = Rotation.from_rotvec(alpha) * C
