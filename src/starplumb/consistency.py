@@ -128,7 +128,7 @@ def _aberration(
     alignment.  Then both corrections are named, and the stated switch is suspected where the opposite one would leave a
     correction smaller by much of that rotation: the sign that the aberration is in twice, or not at all.
     """
-    if estimate.chi2 is None or not np.any(o.v_J):
+    if estimate.chi2 is None or not np.all(np.any(o.v_J, axis=-1)):
         return None
     stated = o.corrections.aberration
     other = o.with_geometry(corrections=replace(o.corrections, aberration=not stated))
@@ -149,8 +149,8 @@ def _aberration(
     here, there = (_across(C_EK_model, e.C_EK) / ARCSEC for e in (estimate, opposite))
     suspect = there < here - 0.4 * shift / ARCSEC and here < 3.0 * shift / ARCSEC
     return Finding(
-        f"the switch {words[0]} {'may be wrong' if suspect else 'cannot be checked'}: with it the correction across the "
-        f"boresight is {here:.1f} arcsec, with {words[1]} {there:.1f}, and the data fit equally well; views in other "
+        f"the switch {words[0]} {'may be wrong' if suspect else 'cannot be checked'}: with it the correction across "
+        f"the boresight is {here:.1f} arcsec, with {words[1]} {there:.1f}, and the data fit equally well; views in other "
         f"directions would tell, and so does the attitude product's description",
         False,
     )
