@@ -1,0 +1,146 @@
+"""What is said of an estimate: each sentence where it is due, none where it is not."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from problems import C_EK_TRUE, FRAME, LINE, SIGMAS, truth
+from starplumb import scene, so3
+from starplumb.consistency import boresight_sigmas, chi2_p, field_radius, findings
+from starplumb.corrections import Corrections
+from starplumb.estimators.gls import Gls
+from starplumb.estimators.wahba import Wahba
+from starplumb.geometry import observe
+from starplumb.simulate import Errors, measure
+from starplumb.units import ARCSEC, DEG
+
+
+def measured(rng, camera=FRAME, **options):
+    o = observe(truth(camera, **options))
+    return measure(o, C_EK_TRUE, Errors.draw(o, rng))
+
+
+def say(o, C_EK_model=C_EK_TRUE, estimator=None):
+    estimator = estimator or Gls()
+    return findings(o, C_EK_model, estimator(o, C_EK_model), estimator)
+
+
+@pytest.mark.parametrize(("chi2", "dof"), [(3.0, 9), (9.0, 9), (80.0, 45), (0.0, 3)])
+def test_probability_is_scipys(chi2, dof):
+    assert chi2_p(chi2, dof) == pytest.approx(stats.chi2.sf(chi2, dof))
+
+
+def test_nothing_left_over_is_no_contradiction():
+    assert chi2_p(0.0, 0) == 1.0
+
+
+def test_sigmas_about_the_cameras_axes_by_hand():
+    """Camera x along the tracker's y: what is known about E's y is known about K's x."""
+    C_EK = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    np.testing.assert_allclose(boresight_sigmas(C_EK, np.diag([1.0, 4.0, 9.0])), [2.0, 1.0, 3.0])
+
+
+def test_field_radius_by_hand(rng):
+    """Two images with a pair each, 0.02 apart in x and 0.04 in y: 0.01 and 0.02 from the middle."""
+    o = measured(rng, images=2, markers=2)
+    xy = np.array([[0.0, 0.5], [0.02, 0.5], [0.1, 0.2], [0.1, 0.24]])
+    assert field_radius(replace(o, xy_K=xy)) == pytest.approx(np.sqrt((0.01**2 + 0.02**2) / 2))
+
+
+def test_a_sound_campaign_is_left_without_a_word(rng):
+    """Views turned by half a turn tell the aberration; thirty good campaigns, no sentence."""
+    for _ in range(30):
+        assert say(measured(rng, images=8, markers=8, tilt_deg=20.0, yaw_deg=180.0)) == []
+
+
+def test_one_image_is_weak(rng):
+    found = [f for f in say(measured(rng, images=1, markers=6)) if "only one image" in f.sentence]
+    assert [f.weakens for f in found] == [True]
+
+
+def test_markers_in_one_corner_leave_the_boresight_angle_weak(rng):
+    campaign = truth(FRAME, images=3, markers=1)
+    image = np.repeat(np.arange(3), 4)
+    campaign = scene.mark_pixels(campaign, image, 6000 + rng.uniform(0, 40, (12, 2)), 0.0, SIGMAS)
+    o = observe(campaign)
+    found = [
+        f
+        for f in say(measure(o, C_EK_TRUE, Errors.draw(o, rng)))
+        if "angle about the boresight" in f.sentence
+    ]
+    assert [f.weakens for f in found] == [True]
+    assert "markers farther apart would determine it" in found[0].sentence
+
+
+@pytest.mark.parametrize(
+    ("factor", "says", "weakens"),
+    [
+        (0.4, r"implausible \(p = .*residuals are 2\.\d times what the stated sigmas allow", True),
+        (3.0, r"implausibly small: the residuals are only 0\.3\d? times", False),
+    ],
+)
+def test_an_implausible_chi_square(rng, factor, says, weakens):
+    o = measured(rng, images=8, markers=8, tilt_deg=20.0, yaw_deg=180.0)
+    scaled = replace(
+        o,
+        sigma_px=factor * o.sigma_px,
+        **{
+            name: factor**2 * getattr(o, name)
+            for name in ("cov_attitude_E", "cov_position_J", "cov_landmark_J")
+        },
+    )
+    found = [f for f in say(scaled) if "chi-square" in f.sentence]
+    assert [f.weakens for f in found] == [weakens]
+    assert re.search(says, found[0].sentence)
+
+
+@pytest.mark.parametrize("camera", [FRAME, LINE], ids=["frame", "line"])
+@pytest.mark.parametrize("switch", [True, False])
+def test_a_wrong_aberration_switch_is_said_aloud(rng, camera, switch):
+    """Half the images turned about the boresight: one mounting cannot absorb 5 arcsec to both sides."""
+    light = Corrections(light_time=True, aberration=switch)
+    o = measured(rng, camera, images=20, markers=8, tilt_deg=20.0, yaw_deg=180.0, corrections=light)
+    assert not any("aberration" in f.sentence for f in say(o))
+    wrong = o.with_geometry(corrections=replace(light, aberration=not switch))
+    found = [f for f in say(wrong) if "looks wrong" in f.sentence]
+    assert [f.weakens for f in found] == [True]
+    stated, better = ("false", "true") if switch else ("true", "false")
+    assert (
+        f"the switch aberration = {stated} looks wrong: aberration = {better} explains" in found[0].sentence
+    )
+
+
+def test_views_that_cannot_tell_the_aberration_say_so_and_do_not_weaken(rng):
+    o = measured(rng, images=6, markers=8, tilt_deg=0.0)
+    wrong = o.with_geometry(corrections=Corrections(aberration=False))
+    for table in (o, wrong):
+        found = [f for f in say(table) if "aberration" in f.sentence]
+        assert [f.weakens for f in found] == [False]
+        assert "views in other directions would tell" in found[0].sentence
+    assert "may be wrong" in found[0].sentence
+
+
+def test_without_velocities_the_aberration_is_not_judged(rng):
+    """One image whose velocity is not known is enough: its direction cannot be corrected."""
+    light = Corrections(light_time=True, aberration=False)
+    o = measured(rng, images=4, markers=6, yaw_deg=180.0, corrections=light)
+    v = o.v_J.copy()
+    v[o.image == 2] = 0.0
+    assert not any("aberration" in f.sentence for f in say(replace(o, v_J=v)))
+
+
+def test_the_largest_and_smallest_mistakes_of_a_mounting_change_no_verdict(rng):
+    o = measured(rng, images=8, markers=8, tilt_deg=20.0, yaw_deg=180.0)
+    assert say(o, so3.exp([3.0, 0.0, 0.0]) @ C_EK_TRUE) == []
+    assert say(o, so3.exp([1 * ARCSEC, 0.0, 1 * DEG]) @ C_EK_TRUE) == []
+
+
+def test_nothing_is_said_of_what_has_no_covariance_or_no_answer(rng):
+    o = measured(rng, images=2, markers=3)
+    assert say(o, estimator=Wahba()) == []
+    assert say(o.select(np.array([0]))) == []
