@@ -1,0 +1,110 @@
+"""Pages and drawings made anew for each build: a page a command, the gallery of examples, the drawings."""
+
+from __future__ import annotations
+
+import ast
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+from executed import environment
+from sphinx.application import Sphinx
+from sphinx.errors import ExtensionError
+
+LIMIT_S = 60
+"""An example that takes longer than this is none; the tests hold it to less."""
+
+
+def starplumb(*arguments: str) -> str:
+    """What the command line prints."""
+    code = "from starplumb.cli import main; main()"
+    done = subprocess.run(
+        [sys.executable, "-c", code, *arguments],
+        env=environment(),
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return done.stdout.rstrip()
+
+
+def command_names() -> list[str]:
+    from starplumb.cli.app import app
+
+    return [command.name for command in app.registered_commands if command.name]
+
+
+def write_commands(folder: Path) -> None:
+    """The help of every command, a page each, and that of the program."""
+    folder.mkdir(parents=True)
+    for name in command_names():
+        text = f"# starplumb {name}\n\n```text\n{starplumb(name, '--help')}\n```\n"
+        (folder / f"{name}.md").write_text(text, encoding="utf-8")
+    names = "\n".join(command_names())
+    toctree = f"```{{toctree}}\n:maxdepth: 1\n\n{names}\n```\n"
+    text = f"# Command by command\n\n```text\n{starplumb('--help')}\n```\n\n{toctree}"
+    (folder / "index.md").write_text(text, encoding="utf-8")
+
+
+def write_gallery(examples: list[Path], folder: Path) -> None:
+    """Every example is run; its page has its text, figures, output and source."""
+    folder.mkdir(parents=True)
+    for example in examples:
+        write_example(example, folder)
+    names = "\n".join(example.stem for example in examples)
+    text = (
+        "# Gallery\n\nEach page is a script of the folder `examples`, run when this documentation was built: "
+        "`python examples/NAME.py` prints the same and leaves the figures in the folder it is run in.\n\n"
+        f"```{{toctree}}\n:maxdepth: 1\n\n{names}\n```\n"
+    )
+    (folder / "index.md").write_text(text, encoding="utf-8")
+
+
+def write_example(example: Path, folder: Path) -> None:
+    work = folder / example.stem
+    work.mkdir()
+    start = time.perf_counter()
+    done = subprocess.run(
+        [sys.executable, str(example)],
+        cwd=work,
+        env=environment(),
+        capture_output=True,
+        text=True,
+        timeout=LIMIT_S,
+        check=False,
+    )
+    if done.returncode:
+        raise ExtensionError(f"{example} ended with {done.returncode}:\n{done.stderr}")
+    title, _, text = (ast.get_docstring(ast.parse(example.read_text(encoding="utf-8"))) or "").partition("\n")
+    figures = [
+        f"![{title.rstrip('.')}]({example.stem}/{figure.name})" for figure in sorted(work.glob("*.svg"))
+    ]
+    parts = [
+        f"# {title.rstrip('.')}",
+        text.strip(),
+        *figures,
+        f"`python examples/{example.name}`, {time.perf_counter() - start:.1f} s in this build:",
+        f"```text\n{done.stdout.rstrip()}\n```",
+        f"```{{literalinclude}} /../examples/{example.name}\n:language: python\n```",
+    ]
+    (folder / f"{example.stem}.md").write_text("\n\n".join(parts) + "\n", encoding="utf-8")
+
+
+def generate(app: Sphinx) -> None:
+    source = Path(app.srcdir)
+    made = source / "generated"
+    shutil.rmtree(made, ignore_errors=True)
+    for name in ("extra", "executed"):
+        (made / name).mkdir(parents=True)
+    subprocess.run(
+        [sys.executable, str(source / "drawings.py"), str(made / "drawings")], env=environment(), check=True
+    )
+    write_commands(made / "commands")
+    write_gallery(sorted((source.parent / "examples").glob("[!_]*.py")), made / "gallery")
+
+
+def setup(app: Sphinx) -> dict[str, bool]:
+    app.connect("builder-inited", generate)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}
