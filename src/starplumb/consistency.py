@@ -150,8 +150,8 @@ def _aberration(
     suspect = there < here - 0.4 * shift / ARCSEC and here < 3.0 * shift / ARCSEC
     return Finding(
         f"the switch {words[0]} {'may be wrong' if suspect else 'cannot be checked'}: with it the correction across "
-        f"the boresight is {here:.1f} arcsec, with {words[1]} {there:.1f}, and the data fit equally well; views in other "
-        f"directions would tell, and so does the attitude product's description",
+        f"the boresight is {here:.1f} arcsec, with {words[1]} {there:.1f}, and the data fit equally well; views in "
+        "other directions would tell, and so does the attitude product's description",
         False,
     )
 
