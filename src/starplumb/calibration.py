@@ -17,6 +17,7 @@ from .estimators.selfcal import SelfCalibration
 from .geometry import observe
 from .observations import Observations
 from .residuals import Accuracy, Residuals, residuals
+from .separability import UNKNOWN, Combination, combinations, ruins_alignment, unimproved
 from .snooping import Rejection, Snooping, calibration_of, problem_at, rejections, snoop
 
 Array = NDArray[np.float64]
@@ -26,9 +27,10 @@ Array = NDArray[np.float64]
 class Calibration:
     """One calibrated campaign.
 
-    ``observations`` holds all sightings as measured; ``residuals.used`` those in the solution; ``snooping`` what each is
-    worth, None where the method does not say.  ``status`` and ``sentences`` join the
-    estimator's own with what the consistency checks found.  ``correction_E`` (3,) rad is d of ``C_EK = exp(d) C_EK_model``.
+    ``observations`` holds all sightings as measured; ``residuals.used`` those in the solution; ``snooping`` what each
+    is worth, None where the method does not say; ``combinations`` of parameters that the data hardly separate.
+    ``status`` and ``sentences`` join the estimator's own with what the consistency checks found.  ``correction_E`` (3,)
+    rad is d of ``C_EK = exp(d) C_EK_model``.
     """
 
     campaign: Campaign
@@ -39,6 +41,7 @@ class Calibration:
     sentences: tuple[str, ...]
     rejected: tuple[Rejection, ...] = field(default=())
     snooping: Snooping | None = None
+    combinations: tuple[Combination, ...] = field(default=())
 
     @property
     def message(self) -> str:
@@ -84,6 +87,10 @@ def calibrate(campaign: Campaign, estimator: Estimator) -> Calibration:
     usable = Status(int(estimate.status)).usable
     snooping = snoop(problem, estimate) if calibration and usable else None
     status, sentences = _judge(observations.select(used), campaign.C_EK, estimate, calibration)
+    traded = tuple(combinations(problem.observations, estimate)) if status.usable else ()
+    status, sentences = _separated(status, sentences, traded)
+    told = [] if estimate.parameters is None else unimproved(estimate.parameters)
+    sentences = (*sentences, *told)
     return Calibration(
         campaign=campaign,
         observations=observations,
@@ -93,7 +100,19 @@ def calibrate(campaign: Campaign, estimator: Estimator) -> Calibration:
         sentences=sentences,
         rejected=() if snooping is None else rejections(problem, snooping, verdict),
         snooping=snooping,
+        combinations=traded,
     )
+
+
+def _separated(
+    status: Status, sentences: tuple[str, ...], traded: tuple[Combination, ...]
+) -> tuple[Status, tuple[str, ...]]:
+    """Status and sentences once it is known which parameters trade against each other."""
+    if ruins_alignment(list(traded)):
+        status = Status.SINGULAR
+    elif any(combination.growth >= UNKNOWN for combination in traded):
+        status = Status(max(status, Status.WEAK))
+    return status, (*(combination.sentence for combination in traded), *sentences)
 
 
 def _judge(

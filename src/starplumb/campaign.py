@@ -36,13 +36,15 @@ class Landmarks:
 @dataclass(frozen=True)
 class Images:
     """m images taken at ``t_ns`` (m,): mid-exposure of a frame; of row 0 for a line scanner, whose rows
-    follow one another by ``line_period_s`` (m,) (None for a frame)."""
+    follow one another by ``line_period_s`` (m,) (None for a frame).  ``tracker`` (m,) names the star
+    tracker each attitude is from, None where they are not told apart."""
 
     ids: tuple[str, ...]
     t_ns: Epochs
     line_period_s: Array | None = None
     name: str = "the images"
     """What messages call them: the user's file."""
+    tracker: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
         m = _distinct("image", self.ids)
@@ -51,6 +53,8 @@ class Images:
             raise ValueError(f"t_ns is {self.t_ns.dtype}, wanted int64")
         if self.line_period_s is not None:
             _shape("line_period_s", self.line_period_s, (m,))
+        if self.tracker is not None and len(self.tracker) != m:
+            raise ValueError(f"tracker names {len(self.tracker)} images, wanted {m}")
 
 
 @dataclass(frozen=True)

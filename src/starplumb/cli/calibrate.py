@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 
@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
     from ..calibration import Calibration
     from ..io.campaign import LoadedCampaign
+    from ..labelling import Labels
     from ..so3 import Array
 
 
@@ -22,6 +23,23 @@ def calibrate(
     method: Annotated[
         str, typer.Option("--method", "-m", help="Estimator; `starplumb compare` shows all.")
     ] = "gls",
+    robust: Annotated[
+        bool,
+        typer.Option("--robust", help="Survive wrong labels, measurements and images (--method robust)."),
+    ] = False,
+    estimate: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--estimate",
+            "-e",
+            metavar="NAME[=SIGMA],...",
+            help="What else to estimate, free or with its sigma known beforehand and unit: focal_length, "
+            "principal_point, distortion, look_angles, time_offset, time_offset_attitude, time_offset_orbit, trackers.",
+        ),
+    ] = None,
+    reach_deg: Annotated[
+        float, typer.Option(help="With [detections]: the largest error the model mounting may have.")
+    ] = 2.0,
     out: Annotated[
         Path | None,
         typer.Option("--out", "-o", help="Folder of the results [default: `result` beside the campaign]."),
@@ -40,19 +58,27 @@ def calibrate(
       starplumb calibrate demo/campaign.toml
 
       starplumb calibrate campaign.toml --out results --json
+
+      starplumb calibrate campaign.toml --robust --estimate focal_length,time_offset=10ms
     """
     from ..calibration import calibrate as run
-    from ..estimators import METHODS
     from ..io.campaign import load_campaign
+    from .choices import estimator_of, label_sentence, labelled
 
     speak = Output(json, quiet, verbose)
-    estimator = _estimator(method, METHODS)
-    loaded = load_campaign(campaign)
-    done = run(loaded.campaign, estimator())
+    method = "robust" if robust and method == "gls" else method
+    out = out or campaign.parent / "result"
+    loaded = load_campaign(campaign, with_detections=True)
+    estimator = estimator_of(method, estimate or (), loaded.campaign)
+    loaded, labels = labelled(loaded, reach_deg)
     speak.notices(loaded.notices)
-    document = _publish(loaded, done, method, out or campaign.parent / "result", report)
+    if labels is not None and labels.refusal:
+        _refuse(campaign, loaded, labels, method, out)
+    done = run(loaded.campaign, estimator)
+    document = _publish(loaded, done, method, out, report, labels)
     speak.document(document)
-    speak.show(_table(done, loaded.C_EK_true), *_sentences(done, out or campaign.parent / "result"))
+    named = [] if labels is None else [label_sentence(labels)]
+    speak.show(_table(done, loaded.C_EK_true), *named, *_sentences(done, out))
     speak.detail(*(f"{name}: {digest}" for name, digest in loaded.inputs.items()))
     if not done.status.usable:
         from ..errors import AlignmentFailed
@@ -60,19 +86,23 @@ def calibrate(
         raise AlignmentFailed(f"{campaign}: {done.message}")
 
 
-def _estimator(method: str, methods: dict[str, Any]) -> Any:
-    from ..errors import InputError
-    from ..io.files import nearest
+def _refuse(path: Path, loaded: LoadedCampaign, labels: Labels, method: str, out: Path) -> NoReturn:
+    """Write why the detections could not be named, and end with it."""
+    from ..errors import AlignmentFailed
+    from ..io.labels import refused_document
+    from ..io.write import json_text, publish
+    from .choices import label_files
 
-    if method in methods:
-        return methods[method]
-    near = nearest(method, methods)
-    hint = f" (did you mean {near}?)" if near else ""
-    raise InputError(f"--method: found {method!r}, wanted one of {', '.join(methods)}{hint}")
+    files = {
+        "result.json": json_text(refused_document(loaded, labels, method)),
+        **label_files(loaded, labels),
+    }
+    publish(out, files, instead_of=("report.html", "mounting.tf", "residuals.csv"))
+    raise AlignmentFailed(f"{path}: {labels.refusal}")
 
 
 def _publish(
-    loaded: LoadedCampaign, done: Calibration, method: str, out: Path, report: bool
+    loaded: LoadedCampaign, done: Calibration, method: str, out: Path, report: bool, labels: Labels | None
 ) -> dict[str, Any]:
     """Write the files of the result, all or none, and return result.json; files of an earlier one go."""
     from ..io.result import provenance, residual_columns, residual_names, result_document
@@ -81,10 +111,15 @@ def _publish(
 
     frames = ("camera", loaded.config.tracker)
     document = result_document(done, method, frames, loaded.inputs, provenance(loaded), loaded.C_EK_true)
+    document |= {} if labels is None else {"labels": labels.counts}
     files = {
         "result.json": json_text(document),
         "residuals.csv": csv_text(residual_names(done), residual_columns(done)),
     }
+    if labels is not None:
+        from .choices import label_files
+
+        files |= label_files(loaded, labels)
     if report:
         from ..report import calibration_page
 

@@ -106,7 +106,9 @@ def require_radius(table: Table, r: Array, limits: tuple[float, float], what: st
 
 def read_images(path: Path, scale: str, scans: bool, notices: list[str]) -> Images:
     """Images with their epochs; the line period, which a line scanner needs and a frame camera has not."""
-    table = read_table(path, texts=("image_id", "time"), optional_numbers=("line_period_s",))
+    table = read_table(
+        path, texts=("image_id", "time"), optional_texts=("tracker",), optional_numbers=("line_period_s",)
+    )
     notices += table.notices
     table.require_distinct(table.texts["image_id"], "image_id", "each image once")
     period = table.numbers.get("line_period_s")
@@ -118,7 +120,7 @@ def read_images(path: Path, scale: str, scans: bool, notices: list[str]) -> Imag
     elif period is not None:
         notices.append(f"{path}: ignored the column line_period_s, which a frame camera has not")
         period = None
-    return Images(tuple(table.texts["image_id"]), epochs(table, scale), period, str(path))
+    return Images(tuple(table.texts["image_id"]), epochs(table, scale), period, name=str(path))
 
 
 def read_observations(

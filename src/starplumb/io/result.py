@@ -13,9 +13,12 @@ from numpy.typing import NDArray
 from .. import __version__, so3
 from ..calibration import Calibration
 from ..errors import InputError
+from ..estimators.protocol import ParameterVector
 from ..residuals import Accuracy, rms
+from ..separability import known
 from ..snooping import Snooping
 from ..units import ARCSEC
+from ..wanted import UNITS, unit_of
 from .campaign import LoadedCampaign
 from .files import read_text
 
@@ -67,6 +70,7 @@ def result_document(
             }
             for r in c.rejected
         ],
+        **({} if estimate.parameters is None else _parameters(c, estimate.parameters)),
         "images": _images(c),
         "landmarks": _landmarks(c),
         **({} if truth is None else {"truth": _truth(c, truth)}),
@@ -168,6 +172,32 @@ def _fit(c: Calibration) -> dict[str, Any]:
         "rms_own_px": numbers(rms(c.residuals.fit_px[used])),
         "iterations": int(c.estimate.iterations),
     }
+
+
+def _parameters(c: Calibration, p: ParameterVector) -> dict[str, Any]:
+    """What was estimated beside the alignment, each in its unit, and the covariance of all of it with the alignment.
+
+    A parameter that the data do not tell is not ``known`` and its correction null.
+    """
+    units = [unit_of(name) for name in p.names]
+    scale = np.array([ARCSEC] * 3 + [UNITS[unit] for unit in units])
+    trusted = known(p, list(c.combinations))
+    sigma = np.sqrt(np.diagonal(p.covariance)) / scale
+    listed = [
+        {
+            "name": name,
+            "unit": units[i],
+            "known": bool(trusted[i]),
+            "correction": numbers(p.values[i] / scale[3 + i]) if trusted[i] else None,
+            "sigma": numbers(sigma[3 + i]),
+            "prior_sigma": numbers(p.prior_sigma[i] / scale[3 + i]),
+        }
+        for i, name in enumerate(p.names)
+    ]
+    axes = [f"alignment_{axis}_arcsec" for axis in "xyz"]
+    names = [f"{name}_{unit}".rstrip("_") for name, unit in zip(p.names, units, strict=True)]
+    covariance = {"names": axes + names, "matrix": numbers(p.covariance / scale[:, None] / scale)}
+    return {"parameters": listed, "parameter_covariance": covariance}
 
 
 def _images(c: Calibration) -> list[dict[str, Any]]:

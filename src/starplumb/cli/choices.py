@@ -1,0 +1,79 @@
+"""What the options of ``calibrate`` come to: the estimator, and the landmarks of detections without names."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from ..campaign import Campaign
+    from ..estimators.protocol import Estimator
+    from ..io.campaign import LoadedCampaign
+    from ..labelling import Labels
+
+WEIGHTED = ("gls", "robust")
+"""Methods whose adjustment can carry further parameters."""
+
+
+def estimator_of(method: str, estimate: Sequence[str], campaign: Campaign) -> Estimator:
+    """The estimator of a method's name, with the parameters wanted beside the alignment.
+
+    Raises InputError for an unknown method or parameter.
+    """
+    from ..errors import InputError
+    from ..estimators import METHODS
+    from ..estimators.robust import Robust
+    from ..estimators.selfcal import SelfCalibration
+    from ..io.files import nearest
+    from ..wanted import parameters
+
+    if method not in METHODS:
+        near = nearest(method, METHODS)
+        hint = f" (did you mean {near}?)" if near else ""
+        raise InputError(f"--method: found {method!r}, wanted one of {', '.join(METHODS)}{hint}")
+    wanted = [name.strip() for text in estimate for name in text.split(",") if name.strip()]
+    if not wanted:
+        return METHODS[method]()
+    if method not in WEIGHTED:
+        raise InputError(f"--estimate: found --method {method}, wanted {' or '.join(WEIGHTED)}")
+    calibration = SelfCalibration(parameters(wanted, campaign))
+    return Robust(calibration) if method == "robust" else calibration
+
+
+def labelled(loaded: LoadedCampaign, reach_deg: float) -> tuple[LoadedCampaign, Labels | None]:
+    """The campaign with its detections named, and the labels; as it is where its landmarks are known."""
+    from dataclasses import replace
+
+    from ..errors import InputError
+    from ..labelling import label
+    from ..units import DEG
+
+    if loaded.detections is None:
+        return loaded, None
+    if not 0.0 < reach_deg <= 10.0:
+        raise InputError(
+            f"--reach-deg: found {reach_deg:g}, wanted the largest error of the mounting, 0 to 10"
+        )
+    labels = label(loaded.campaign, loaded.detections, reach_deg * DEG)
+    campaign = replace(loaded.campaign, sightings=labels.sightings(loaded.detections))
+    return replace(loaded, campaign=campaign), labels
+
+
+def label_files(loaded: LoadedCampaign, labels: Labels) -> dict[str, str]:
+    """``labels.csv``: what became of each detection; ``observations.csv``: the named ones, to be used as such."""
+    from ..io.labels import LABEL_COLUMNS, OBSERVATION_COLUMNS, label_columns, observation_columns
+    from ..io.write import csv_text
+
+    return {
+        "labels.csv": csv_text(LABEL_COLUMNS, label_columns(loaded, labels)),
+        "observations.csv": csv_text(OBSERVATION_COLUMNS, observation_columns(loaded)),
+    }
+
+
+def label_sentence(labels: Labels) -> str:
+    """How many detections were named, and why the others were not."""
+    counts: dict[str, Any] = labels.counts
+    return (
+        f"{counts['labelled']} of {counts['detections']} detections named; {counts['no_landmark']} fit no landmark, "
+        f"{counts['ambiguous']} more than one"
+    )
