@@ -1,0 +1,288 @@
+"""Mistakes planted in the files of good campaigns are named; good campaigns have none named."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+import tomllib
+from dataclasses import replace
+from datetime import datetime, timedelta
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from typer.testing import CliRunner
+
+from problems import C_EK_TRUE, FRAME, LINE, SIGMAS, truth
+from starplumb.cli.app import app
+from starplumb.corrections import Corrections
+from starplumb.demo import demo
+from starplumb.diagnosis import diagnose
+from starplumb.errors import InputError
+from starplumb.geometry import observe
+from starplumb.io.campaign import load_campaign
+from starplumb.io.write_campaign import write_campaign
+from starplumb.scene import measured
+from starplumb.simulate import Errors
+from starplumb.units import ARCSEC
+
+
+@pytest.fixture(scope="module", params=["frame", "line-scan"])
+def kind(request):
+    return request.param
+
+
+@pytest.fixture(scope="module")
+def good(tmp_path_factory, kind):
+    """Folder of a good campaign; tests copy it."""
+    folder = tmp_path_factory.mktemp(kind) / "good"
+    campaign, _ = demo(kind, 4, 11)
+    write_campaign(folder, campaign)
+    return folder
+
+
+class Spoiled:
+    """A copy of a campaign's folder whose files a test may spoil."""
+
+    def __init__(self, good, folder):
+        self.folder = folder
+        for path in good.iterdir():
+            (folder / path.name).write_bytes(path.read_bytes())
+
+    @property
+    def path(self):
+        return self.folder / "campaign.toml"
+
+    def replace(self, old, new):
+        text = self.path.read_text()
+        assert old in text
+        self.path.write_text(text.replace(old, new))
+
+    def rewrite(self, name, change):
+        """Rows of a table through ``change`` (a dictionary in, a dictionary out)."""
+        path = self.folder / f"{name}.csv"
+        with path.open() as file:
+            rows = [change(row) for row in csv.DictReader(file)]
+        with path.open("w", newline="") as file:
+            writer = csv.DictWriter(file, rows[0])
+            writer.writeheader()
+            writer.writerows(rows)
+
+    def move_times(self, name, seconds):
+        def later(row):
+            whole, _, fraction = row["time"].partition(".")
+            moved = datetime.fromisoformat(whole) + timedelta(seconds=seconds)
+            return row | {"time": f"{moved.isoformat()}.{fraction}"}
+
+        self.rewrite(name, later)
+
+    def mounting(self):
+        return Rotation.from_quat(tomllib.loads(self.path.read_text())["mounting"]["quaternion_xyzw"])
+
+    def set_mounting(self, q_xyzw):
+        text = self.path.read_text()
+        line = f"quaternion_xyzw = {[float(x) for x in q_xyzw]}"
+        self.path.write_text(re.sub(r"quaternion_xyzw = \[.*?\]", line, text, count=1))
+
+    def diagnose(self):
+        return diagnose(load_campaign(self.path).campaign)
+
+
+@pytest.fixture
+def spoiled(good, tmp_path):
+    return Spoiled(good, tmp_path)
+
+
+def scalar_first(row):
+    q = dict(zip(("qx", "qy", "qz", "qw"), (row["qw"], row["qx"], row["qy"], row["qz"]), strict=True))
+    return row | q
+
+
+def conjugated(row):
+    return row | {name: repr(-float(row[name])) for name in ("qx", "qy", "qz")}
+
+
+def swapped(row):
+    return row | {"column_px": row["row_px"], "row_px": row["column_px"]}
+
+
+def from_the_right(row):
+    return row | {"column_px": repr(11999.0 - float(row["column_px"]))}
+
+
+def both(row):
+    return scalar_first(conjugated(row))
+
+
+TABLES = {
+    "attitude.order": ("attitude", scalar_first),
+    "attitude.direction": ("attitude", conjugated),
+    "attitude.order+direction": ("attitude", both),
+    "pixels.swapped": ("observations", swapped),
+    "pixels.column_px_from_right": ("observations", from_the_right),
+}
+
+
+@pytest.mark.parametrize("key", TABLES)
+def test_a_misread_table_is_named(spoiled, key):
+    spoiled.rewrite(*TABLES[key])
+    found = spoiled.diagnose()
+    assert found.verdict == "named"
+    # a straight line of detectors turned by 180 deg is that line counted from its other end
+    assert [key] in [[m.key for m in trial.undone] for trial in (found.best, *found.rivals)]
+    assert found.stated.score > 1e4
+    assert 0.5 < found.best.chi2 / found.best.degrees_of_freedom < 1.6
+
+
+KEYS = {
+    "attitude.frame": ('from = "GCRF"', 'from = "ITRF"'),
+    "ephemeris.frame": ('frame = "ITRF"', 'frame = "GCRF"'),
+}
+
+
+@pytest.mark.parametrize("key", KEYS)
+def test_a_wrong_key_is_named(spoiled, key):
+    spoiled.replace(*KEYS[key])
+    found = spoiled.diagnose()
+    assert found.verdict == "named"
+    assert [m.key for m in found.best.undone] == [key]
+
+
+@pytest.mark.parametrize(("table", "seconds"), [("images", 18), ("attitude", -37), ("ephemeris", 18)])
+def test_a_table_in_another_time_scale_is_named(spoiled, table, seconds):
+    """18 s: GPS time in a campaign of UTC; -37 s: as if the leap seconds had been taken off twice."""
+    spoiled.move_times(table, seconds)
+    found = spoiled.diagnose()
+    assert found.verdict == "named"
+    assert [m.key for m in found.best.undone] == [f"times.{table}{-seconds:+d}s"]
+
+
+def test_all_times_in_gps_are_told_from_the_turn_of_the_earth(spoiled):
+    """UTC called GPS: all tables agree, only the Earth has turned by 270 arcsec, seen where images are turned."""
+    spoiled.replace('time_scale = "UTC"', 'time_scale = "GPS"')
+    found = spoiled.diagnose()
+    assert found.verdict == "named"
+    assert [m.key for m in found.best.undone] == ["times.all+18s"]
+
+
+@pytest.mark.parametrize("mistake", ["direction", "order"])
+def test_a_misread_mounting_is_named(spoiled, mistake):
+    """It leaves no residual, but a correction of many degrees."""
+    q = spoiled.mounting().as_quat()
+    spoiled.set_mounting(np.roll(q, 1) if mistake == "order" else q * [-1.0, -1.0, -1.0, 1.0])
+    found = spoiled.diagnose()
+    assert found.verdict == "named"
+    assert found.stated.chi2 == pytest.approx(found.best.chi2)
+    assert f"mounting.{mistake}" in [t.undone[0].key for t in (found.best, *found.rivals)]
+    assert found.best.correction < np.deg2rad(1.5)
+
+
+@pytest.mark.parametrize(("axis", "angle"), [("x", 90), ("y", -90), ("z", 180)])
+def test_axes_off_by_a_quarter_turn_are_named(spoiled, axis, angle):
+    turned = spoiled.mounting() * Rotation.from_euler(axis, -angle, degrees=True)
+    spoiled.set_mounting(turned.as_quat())
+    found = spoiled.diagnose()
+    assert found.verdict == "named"
+    assert f"axes.camera.{axis}{angle:+d}" in [t.undone[0].key for t in (found.best, *found.rivals)]
+    assert found.best.correction < np.deg2rad(1.5)
+
+
+def test_a_direction_written_from_the_tracker_is_undone_in_its_own_terms(spoiled):
+    """With from = star tracker the file holds inverse quaternions: scalar first is another mistake than else."""
+    spoiled.rewrite("attitude", conjugated)
+    spoiled.replace('from = "GCRF"\nto = "star_tracker"', 'from = "star_tracker"\nto = "GCRF"')
+    spoiled.rewrite("attitude", scalar_first)
+    result = CliRunner().invoke(app, ["diagnose", str(spoiled.path), "--json"])
+    assert result.exit_code == 0, result.output
+    document = json.loads(result.stdout)
+    assert document["verdict"] == "named"
+    assert [m["key"] for m in document["best"]["undone"]] == ["attitude.order"]
+
+
+def test_two_mistakes_at_once_are_both_named(spoiled):
+    spoiled.rewrite("attitude", scalar_first)
+    spoiled.move_times("images", 18)
+    found = spoiled.diagnose()
+    assert found.verdict == "named"
+    assert {m.key for m in found.best.undone} == {"attitude.order", "times.images-18s"}
+
+
+@pytest.mark.parametrize("in_data", [True, False])
+def test_a_wrong_aberration_switch_is_named(kind, in_data, rng):
+    """Sharp attitude and images turned to one another: the switch cannot hide in the mounting."""
+    camera, yaw = (FRAME, 90.0) if kind == "frame" else (LINE, 180.0)
+    sharp = replace(SIGMAS, attitude=np.full(3, 1.0 * ARCSEC))
+    scene = truth(camera, 8, 6, yaw_deg=yaw, corrections=Corrections(aberration=in_data), sigmas=sharp)
+    campaign = measured(scene, Errors.draw(observe(scene), rng), C_EK_TRUE)
+    wrong = replace(campaign, corrections=replace(campaign.corrections, aberration=not in_data))
+    assert diagnose(campaign).verdict == "none"
+    found = diagnose(wrong)
+    assert found.verdict == "named"
+    assert [m.key for m in found.best.undone] == ["corrections.aberration"]
+
+
+def test_half_a_pixel_shows_against_a_well_known_mounting_only(rng):
+    """A constant shift of all pixels is a turn of the camera: only what is known of the mounting can tell."""
+    exact = replace(SIGMAS, attitude=np.full(3, 0.02 * ARCSEC), position=np.full(3, 0.05), pixel=0.1)
+    scene = truth(FRAME, 8, 6, sigmas=exact)
+    campaign = measured(scene, Errors.draw(observe(scene), rng), C_EK_TRUE)
+    s = campaign.sightings
+    corner = replace(campaign, sightings=replace(s, column_px=s.column_px + 0.5, row_px=s.row_px + 0.5))
+    assert diagnose(corner).verdict == "none"
+    surveyed = replace(corner, sigma_mounting=np.full(3, 0.05 * ARCSEC))
+    found = diagnose(surveyed)
+    assert found.verdict == "named"
+    assert [m.key for m in found.best.undone] == ["pixels.origin-0.5"]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_nothing_is_named_on_good_campaigns(kind, seed):
+    campaign, _ = demo(kind, 2 + seed % 5, 100 + seed)
+    found = diagnose(campaign)
+    assert found.best is None
+    assert found.verdict == "none"
+
+
+def test_what_no_usual_mistake_explains_is_said_to_be_so(spoiled, rng):
+    """A third of the sightings is off by tens of pixels."""
+
+    def blunder(row):
+        off = rng.normal(0.0, 40.0) if rng.random() < 0.33 else 0.0
+        return row | {"column_px": repr(min(max(float(row["column_px"]) + off, 0.0), 11999.0))}
+
+    spoiled.rewrite("observations", blunder)
+    found = spoiled.diagnose()
+    assert found.verdict == "unexplained"
+    assert found.best is None
+
+
+def test_a_gross_mistake_is_named_among_blunders(spoiled):
+    rows = iter(range(1000))
+
+    def blunder(row):
+        return row | {"row_px": repr(6000.0)} if next(rows) % 9 == 4 else row
+
+    spoiled.rewrite("observations", blunder)
+    spoiled.rewrite("attitude", scalar_first)
+    found = spoiled.diagnose()
+    assert found.verdict == "partly"
+    assert [m.key for m in found.best.undone] == ["attitude.order"]
+
+
+def test_the_command_names_it_in_words(spoiled):
+    spoiled.rewrite("attitude", scalar_first)
+    result = CliRunner().invoke(app, ["diagnose", str(spoiled.path)])
+    assert result.exit_code == 0, result.output
+    text = " ".join(result.stdout.split())
+    assert "the attitude's quaternions are written scalar first" in text
+    assert "explains the residuals" in text
+    quiet = CliRunner().invoke(app, ["diagnose", str(spoiled.path), "--quiet"])
+    assert (quiet.exit_code, quiet.stdout) == (0, "")
+
+
+def test_a_campaign_of_check_points_only_is_refused():
+    campaign, _ = demo("frame", 2, 1)
+    s = campaign.sightings
+    with pytest.raises(InputError, match="has no control points"):
+        diagnose(replace(campaign, sightings=replace(s, check=np.ones_like(s.check))))
