@@ -87,7 +87,7 @@ def calibrate(campaign: Campaign, estimator: Estimator) -> Calibration:
     usable = Status(int(estimate.status)).usable
     snooping = snoop(problem, estimate) if calibration and usable else None
     status, sentences = _judge(observations.select(used), campaign.C_EK, estimate, calibration)
-    traded = tuple(combinations(problem.observations, estimate)) if status.usable else ()
+    traded = tuple(combinations(problem.observations, estimate))
     status, sentences = _separated(status, sentences, traded)
     told = [] if estimate.parameters is None else unimproved(estimate.parameters)
     sentences = (*sentences, *told)

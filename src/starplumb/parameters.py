@@ -173,8 +173,10 @@ class LookAngles:
         return replace(o, xy_K=xy, slope_K=slopes)
 
     def design(self, observations: Observations, model: Linearised, value: Array) -> Array:
-        # the columns are those of the stated look directions, a few pixels off where the corrections are
-        return _through_tangents(model, self._basis(observations.xy_K)[0])
+        stated = observations.xy_K  # the columns are those of the stated look directions
+        for _ in range(2):
+            stated = observations.xy_K - (self._basis(stated)[0] @ value[..., None, :, None])[..., 0]
+        return _through_tangents(model, self._basis(stated)[0])
 
 
 @dataclass(frozen=True)
