@@ -143,12 +143,11 @@ def estimate(
         theta, inverse, singular = Normal.of(equations, observations.weight).solve()
         d_E = (equations.T @ theta[..., None])[..., 0]
         C = so3.exp(d_E) @ C_before
-    status = np.where(np.sum(d_E * d_E, axis=-1) < STEP_LIMIT**2, int(Status.OK), int(Status.NOT_CONVERGED))
+    settled = (np.sum(d_E * d_E, axis=-1) < STEP_LIMIT**2) & in_front(observations, C)
+    status = np.where(settled, int(Status.OK), int(Status.NOT_CONVERGED))
     P = None
     if covariance == "stated":
-        gain = gains(equations, inverse, observations.weight)
-        P, in_front = propagate(observations, C_before, gain)
-        status[~in_front] = int(Status.NOT_CONVERGED)
+        P = propagate(observations, C_before, gains(equations, inverse, observations.weight))
     elif covariance == "naive":
         P = _naive(equations, theta, inverse, observations.weight)
     if P is not None:
@@ -164,7 +163,13 @@ def gains(equations: Equations, inverse: Array, weight: Array) -> Array:
     return np.asarray(weight[..., None, None] * (TN[..., None, :, :] @ (equations.G.mT @ equations.S)))
 
 
-def propagate(observations: Observations, C_EK: Array, gain: Array) -> tuple[Array, Bool]:
+def in_front(observations: Observations, C_EK: Array) -> Bool:
+    """Whether every marker seen lies ahead of the camera (...)."""
+    depth = (observations.e_E @ C_EK[..., :, 2:])[..., 0]
+    return np.asarray(np.all((depth > 0.0) | (observations.weight == 0.0), axis=-1))
+
+
+def propagate(observations: Observations, C_EK: Array, gain: Array) -> Array:
     """Covariance (..., 3, 3) that the stated errors give an answer with this gain upon the residual F.
 
     With ``F = B z`` and ``z = H (theta_E - alpha_E) + R (rho_J - pi_J) + noise`` the error of the answer is
@@ -174,7 +179,6 @@ def propagate(observations: Observations, C_EK: Array, gain: Array) -> tuple[Arr
             + sum_k sigma_k^2 K_k K_k^T,   A = sum K_k H_k,   U = sum K_k R_k,
 
     sums over the sightings of image i or landmark l; errors ``common_px`` likewise over all sightings.
-    Also whether every marker seen lies in front of the camera (...).
     """
     o, model = observations, linearise(observations, C_EK)
     K = gain @ model.B
@@ -187,7 +191,7 @@ def propagate(observations: Observations, C_EK: Array, gain: Array) -> tuple[Arr
         total = total + common @ common.mT
     noise = (o.sigma_px[..., None, None] * K).swapaxes(-3, -2)
     noise = noise.reshape(*noise.shape[:-2], -1)
-    return total + noise @ noise.mT, np.all(model.in_front | (o.weight == 0.0), axis=-1)
+    return np.asarray(total + noise @ noise.mT)
 
 
 def _sum_by(blocks: Array, owner: NDArray[np.int64], count: int) -> Array:

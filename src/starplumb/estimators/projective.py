@@ -13,7 +13,7 @@ from ..earth import C_JT, itrf_to_geodetic
 from ..errors import InputError
 from ..observations import Observations
 from .gls import SINGULAR_SIGMA
-from .linear import SOURCE_AXES, propagate
+from .linear import SOURCE_AXES, in_front, propagate
 from .protocol import AlignmentEstimate, Status
 
 Array = NDArray[np.float64]
@@ -52,7 +52,7 @@ class Projective:
     ``"ignored"``, as published, drops its Z and is biased by tens of arcsec for each metre that heights scatter
     (33 km images).
     A scanner's rows are first turned and shifted to its first sighting by the measured motion; since the
-    turn needs the mounting, that converges with ``iterations``.
+    turn needs the mounting, it is repeated by Newton's method, ``iterations`` times.
 
     Mapping: the source's camera is ours turned by pi about x, ``D = diag(1, -1, -1)``.
 
@@ -63,7 +63,7 @@ class Projective:
     """
 
     heights: Literal["removed", "ignored"] = "removed"
-    iterations: int = 1
+    iterations: int = 2
 
     def __call__(self, observations: Observations, C_EK: Array) -> ProjectiveEstimate:
         o = observations
@@ -79,10 +79,10 @@ class Projective:
             ]
             d_E, gain, solved = _combine(fits, o, batch)
             C_before, C = C, so3.exp(d_E) @ C
-        P, in_front = propagate(o, C_before, gain)
+        P = propagate(o, C_before, gain)
         known = solved & (np.trace(P, axis1=-2, axis2=-1) < SINGULAR_SIGMA**2)
         status = np.where(known, int(Status.OK), int(Status.SINGULAR))
-        status[known & ~in_front] = int(Status.NOT_CONVERGED)
+        status[known & ~in_front(o, C)] = int(Status.NOT_CONVERGED)
         r_J = np.full((*batch, o.n_images, 3), np.nan)
         for fit in fits:
             r_J[..., fit.image, :] = np.where(fit.solved[..., None], fit.r_J, np.nan)
@@ -93,21 +93,28 @@ class Projective:
         """One image: the projective map, its decomposition and the gain of its correction."""
         C_JT_, origin_J, foot, scale = self._plane(o)
         C_first = o.C_EJ[..., :1, :, :]
-        xy = _turned(o, C_EK, C_first) * SOURCE_AXES[:2]
-        a, inverse, solved = _map(foot / scale[..., None, None], xy, o.weight)
+        xy_K, slope_K = _turned(o, C_EK, C_first)
+        a, inverse, solved = _map(foot / scale[..., None, None], xy_K * SOURCE_AXES[:2], o.weight)
         C, q = _decompose(a)
         C_ET = C_first[..., 0, :, :] @ C_JT_
         C_found = C_ET @ (SOURCE_AXES[:, None] * C).mT
         r_E = (scale / q)[..., None] * np.stack([-a[..., 2], -a[..., 5], np.ones_like(q)], axis=-1)
         r_T = (r_E[..., None, :] @ C)[..., 0, :]
         depth = 1.0 + np.sum(foot / scale[..., None, None] * a[..., None, 6:], axis=-1)
-        gain = C_ET @ _turn_by_parameters(C, q) @ inverse
+        gain = (
+            _by_sighting(C_ET @ _turn_by_parameters(C, q) @ inverse)
+            * depth[..., None, None]
+            * SOURCE_AXES[:2]
+        )
+        # turning the rows took the mounting: x = d + M x with M = d answer / d mounting, zero for a frame
+        M = -np.sum(gain @ slope_K, axis=-3)
+        repeat = np.linalg.inv(np.eye(3) - np.where(solved[..., None, None], M, 0.0))
         return _Fit(
             image=image,
             rows=rows,
             solved=solved,
-            d_E=so3.log(C_found @ C_EK.mT),
-            gain=_by_sighting(gain) * depth[..., None, None] * SOURCE_AXES[:2],
+            d_E=(repeat @ so3.log(C_found @ C_EK.mT)[..., None])[..., 0],
+            gain=repeat[..., None, :, :] @ gain,
             r_J=origin_J + (C_JT_ @ r_T[..., None])[..., 0],
         )
 
@@ -144,12 +151,21 @@ class _Fit:
     r_J: Array
 
 
-def _turned(o: Observations, C_EK: Array, C_first: Array) -> Array:
-    """Tangents (..., n, 2) as the camera would have seen them in the attitude of the first sighting."""
+def _turned(o: Observations, C_EK: Array, C_first: Array) -> tuple[Array, Array]:
+    """Tangents (..., n, 2) as seen in the attitude of the first sighting, and d tangents / d_E (..., n, 2, 3).
+
+    ``s_K' = C_EK^T T C_EK s_K`` with ``T = C_EJ,first C_EJ^T``; as the mounting turns by d_E, ``T e_E`` moves by
+    ``(Phi(T e_E) - T Phi(e_E)) d_E``.
+    """
     s_K = np.concatenate([o.xy_K, np.ones((*o.xy_K.shape[:-1], 1))], axis=-1)
-    C_EK = C_EK[..., None, :, :]
-    s_K = (C_EK.mT @ C_first @ o.C_EJ.mT @ C_EK @ s_K[..., None])[..., 0]
-    return np.asarray(s_K[..., :2] / s_K[..., 2:])
+    C_KE = C_EK.mT[..., None, :, :]
+    T = C_first @ o.C_EJ.mT
+    e_E = s_K @ C_EK.mT
+    turned_E = (T @ e_E[..., None])[..., 0]
+    s = (C_KE @ turned_E[..., None])[..., 0]
+    slope = C_KE @ (so3.skew(turned_E) - T @ so3.skew(e_E))
+    xy = s[..., :2] / s[..., 2:]
+    return xy, (slope[..., :2, :] - xy[..., None] * slope[..., 2:, :]) / s[..., 2, None, None]
 
 
 def _map(seen: Array, xy: Array, weight: Array) -> tuple[Array, Array, Bool]:
