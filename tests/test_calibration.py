@@ -115,7 +115,7 @@ def test_image_errors_are_reported_with_their_own_sign(camera, rng):
     campaign = truth(camera, **options)
     errors = Errors.draw(observe(campaign), rng)
     errors = replace(errors, alpha_E=40 * errors.alpha_E)
-    campaign = replace(campaign, sigma_attitude=40 * campaign.sigma_attitude)
+    campaign = replace(campaign, cov_attitude_E=40**2 * campaign.cov_attitude_E)
     done = calibrate(scene.measured(campaign, errors, C_EK_TRUE), Gls())
     common = so3.log(done.estimate.C_EK @ C_EK_TRUE.mT)
     np.testing.assert_allclose(done.residuals.alpha_E + common, errors.alpha_E, atol=60 * ARCSEC)

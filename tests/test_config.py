@@ -76,7 +76,7 @@ def test_units_at_the_edge(tmp_path: Path) -> None:
     campaign = load(tmp_path, prior).campaign
     camera = campaign.camera
     assert (camera.focal_length, camera.pitch) == pytest.approx((2.2, 9e-6), rel=1e-15)
-    np.testing.assert_allclose(campaign.sigma_attitude, np.array([5.0, 5.0, 12.0]) * np.pi / 648000)
+    np.testing.assert_allclose(campaign.cov_attitude_E, np.diag([25.0, 25.0, 144.0]) * (np.pi / 648000) ** 2)
     np.testing.assert_allclose(campaign.sigma_mounting, np.full(3, np.pi / 180))
     np.testing.assert_array_equal(campaign.sigma_position, [3.0, 3.0, 3.0])
     # I1 is 1.5 s after midnight UTC; TAI - UTC is 37 s in 2020, and 2000-01-01T12 TAI lies 7304.5 days before
@@ -214,7 +214,8 @@ def test_sigmas_of_the_attitude_table(tmp_path: Path) -> None:
     )
     loaded = load_campaign(write_good_campaign(tmp_path, attitude=table))
     # I1 lies a quarter of the way from the first sample to the second, I2 three quarters
-    np.testing.assert_allclose(loaded.campaign.sigma_attitude / ARCSEC, [[5.0, 5.0, 15.0], [7.0, 5.0, 25.0]])
+    stated = loaded.campaign.cov_attitude_E / ARCSEC**2
+    np.testing.assert_allclose(stated, [np.diag([25.0, 25.0, 225.0]), np.diag([49.0, 25.0, 625.0])])
     assert ["attitude.sigma_arcsec gives way" in notice for notice in loaded.notices] == [True]
 
 
@@ -350,7 +351,7 @@ def assert_same(a: Campaign, b: Campaign) -> None:
         np.testing.assert_array_equal(x, y)
     np.testing.assert_allclose(a.C_EK, b.C_EK, atol=1e-15)
     np.testing.assert_allclose(a.attitude.q_EF, b.attitude.q_EF, atol=1e-15)
-    np.testing.assert_allclose(a.sigma_attitude, b.sigma_attitude, rtol=1e-15)
+    np.testing.assert_allclose(a.cov_attitude_E, b.cov_attitude_E, rtol=1e-15)
     np.testing.assert_allclose(a.ephemeris.r_J, b.ephemeris.r_J, atol=1e-8)
     np.testing.assert_allclose(a.ephemeris.v_J, b.ephemeris.v_J, atol=1e-11)
     np.testing.assert_allclose(a.landmarks.r_J, b.landmarks.r_J, atol=1e-8)

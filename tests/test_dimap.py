@@ -152,7 +152,7 @@ def test_imported_folder_loads_to_the_same_physics(pleiades: Path, tmp_path: Pat
     np.testing.assert_allclose(again.attitude.q_EF, product.q_EF, rtol=0, atol=2e-16)
     np.testing.assert_array_equal(again.ephemeris.r_J, product.r_J)
     np.testing.assert_allclose(again.C_EK, C_KV.T, atol=1e-15)
-    np.testing.assert_allclose(again.sigma_attitude / ARCSEC, [1.0, 1.0, 2.0])
+    np.testing.assert_allclose(again.cov_attitude_E / ARCSEC**2, np.diag([1.0, 1.0, 4.0]))
     assert again.images.t_ns[0] == product.t_ns
     with pytest.raises(InputError, match=r"campaign\.toml: found it there already"):
         import_product(pleiades, out, sigma_m=1.0, sigma_arcsec=1.0)

@@ -96,7 +96,8 @@ def test_an_image_outside_the_series_is_named():
     t_ns[1] += 10_000_000_000
     late = replace(campaign, images=replace(campaign.images, t_ns=t_ns))
     with pytest.raises(
-        EpochError, match=r"image 'image02': epoch .* in a gap of the attitude .* nearest sample is 9 s"
+        EpochError,
+        match=r"image 'image02': found the epoch .* in a gap of the attitude .* nearest sample is 9 s",
     ) as caught:
         observe(late)
     assert late.sightings.image[caught.value.row] == 1
@@ -144,7 +145,7 @@ def test_the_table_states_the_campaigns_errors():
     campaign = truth(FRAME, images=2, markers=3)
     campaign = replace(
         campaign,
-        sigma_attitude=np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]) * ARCSEC,
+        cov_attitude_E=np.array([np.diag([1.0, 4.0, 9.0]), np.diag([16.0, 25.0, 36.0])]) * ARCSEC**2,
         sigma_mounting=np.array([10.0, 20.0, 30.0]) * ARCSEC,
     )
     o = observe(campaign)

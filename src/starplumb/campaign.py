@@ -93,13 +93,13 @@ class Detections:
 class Campaign:
     """Everything one calibration is made from.
 
-    ================ =============== ==================================================================
-    C_EK             (3, 3)          model mounting, that is to be corrected
-    sigma_mounting   (3,) or None    prior knowledge of its error about E's axes, rad; None for nothing
-    sigma_position   (3,)            position error an image's markers share, m, along ``position_frame``
-    sigma_attitude   (3,) or (m, 3)  attitude error an image's markers share, about E's axes, rad
-    orientation                      of the Earth; needed where ``position_frame`` is inertial
-    ================ =============== ==================================================================
+    ================ =================== ==================================================================
+    C_EK             (3, 3)              model mounting, that is to be corrected
+    sigma_mounting   (3,) or None        prior knowledge of its error about E's axes, rad; None for nothing
+    sigma_position   (3,)                position error an image's markers share, m, along ``position_frame``
+    cov_attitude_E   (3, 3), (m, 3, 3)   of the attitude error an image's markers share, about E's axes, rad^2
+    orientation                          of the Earth; needed where ``position_frame`` is inertial
+    ================ =================== ==================================================================
     """
 
     name: str
@@ -110,7 +110,7 @@ class Campaign:
     sigma_position: Array
     position_frame: Literal["ITRF", "GCRF"]
     attitude: Attitude
-    sigma_attitude: Array
+    cov_attitude_E: Array
     landmarks: Landmarks
     images: Images
     sightings: Sightings
@@ -123,8 +123,9 @@ class Campaign:
         if self.sigma_mounting is not None:
             _shape("sigma_mounting", self.sigma_mounting, (3,))
         m = len(self.images.ids)
-        if self.sigma_attitude.shape not in ((3,), (m, 3)):
-            raise ValueError(f"sigma_attitude has shape {self.sigma_attitude.shape}, wanted (3,) or ({m}, 3)")
+        if self.cov_attitude_E.shape not in ((3, 3), (m, 3, 3)):
+            shape = self.cov_attitude_E.shape
+            raise ValueError(f"cov_attitude_E has shape {shape}, wanted (3, 3) or ({m}, 3, 3)")
         if self.camera.scans and self.images.line_period_s is None:
             raise ValueError("a line scanner's images need their line_period_s")
         if self.position_frame == "GCRF" and self.orientation is None:

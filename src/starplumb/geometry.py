@@ -84,7 +84,6 @@ def observe(campaign: Campaign) -> Observations:
         station.line_period_s,
         campaign.corrections,
     )
-    sigma = np.broadcast_to(campaign.sigma_attitude, (campaign.images.t_ns.size, 3))
     prior = campaign.sigma_mounting
     return Observations(
         image=s.image,
@@ -100,7 +99,7 @@ def observe(campaign: Campaign) -> Observations:
         **directions,
         sigma_px=s.sigma_px,
         weight=np.ones(s.image.size),
-        cov_attitude_E=sigma[..., :, None] ** 2 * np.eye(3),
+        cov_attitude_E=np.broadcast_to(campaign.cov_attitude_E, (campaign.images.t_ns.size, 3, 3)),
         cov_position_J=position_covariance(campaign),
         cov_landmark_J=campaign.landmarks.covariance_J,
         corrections=campaign.corrections,
@@ -117,7 +116,7 @@ def locate(
     row_px: ArrayLike,
     height: ArrayLike = 0.0,
 ) -> Array:
-    """Ground points p_J (n, 3) of pixels of images (n,) at a height above the ellipsoid (m); NaN where the ray misses."""
+    """Ground points p_J (n, 3) of pixels of images (n,) at a height above the ellipsoid, m; NaN where a ray misses."""
     station = stations(campaign, image, row_px)
     xy_K, _ = campaign.camera.tan_from_px(column_px, row_px)
     s_K = np.concatenate([xy_K, np.ones((*xy_K.shape[:-1], 1))], axis=-1)

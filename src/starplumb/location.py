@@ -19,7 +19,7 @@ Index = NDArray[np.int64]
 @dataclass(frozen=True)
 class Location:
     """Ground points of n pixels: ``p_J`` (n, 3) m, geodetic ``latitude``, ``longitude`` (n,) rad and ``height`` (n,) m,
-    and the covariance of their error along east, north, up (n, 3, 3) m^2, with its square roots ``sigma_T`` (n, 3) m."""
+    and the covariance of their error along east, north, up (n, 3, 3) m^2, with its square roots ``sigma_T`` (n, 3)."""
 
     p_J: Array
     latitude: Array
@@ -62,8 +62,8 @@ def ground(
     along = np.sum(up * u_J, axis=-1)[:, None, None]
     slide = np.eye(3) - u_J[:, :, None] * up[:, None, :] / along
     turn = -slide @ station.C_EJ.mT @ so3.skew(e_E[..., 0]) * distance[:, None, None]
-    attitude = np.broadcast_to(campaign.sigma_attitude, (len(campaign.images.ids), 3))[image]
-    covariance_J = turn @ (covariance_E + attitude[..., None] ** 2 * np.eye(3)) @ turn.mT
+    attitude_E = np.broadcast_to(campaign.cov_attitude_E, (len(campaign.images.ids), 3, 3))[image]
+    covariance_J = turn @ (covariance_E + attitude_E) @ turn.mT
     covariance_J = covariance_J + slide @ position_covariance(campaign)[image] @ slide.mT
     pointed = slide @ _pixel_slope(campaign, C_EK, station.C_EJ, pixel) * distance[:, None, None]
     covariance_J = covariance_J + sigma_px**2 * (pointed @ pointed.mT)
@@ -73,7 +73,7 @@ def ground(
 
 
 def _pixel_slope(campaign: Campaign, C_EK: Array, C_EJ: Array, pixel: Array) -> Array:
-    """d u_J / d pixel (n, 3, 2) of the unit direction; a scanner's row moves it by the camera's pixel along the track."""
+    """d u_J / d pixel (n, 3, 2) of the unit direction; a scanner's row moves it by a pixel along the track."""
     xy_K, slope = campaign.camera.tan_from_px(pixel[:, 0], pixel[:, 1])
     if campaign.camera.scans:
         slope = slope.copy()

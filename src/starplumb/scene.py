@@ -121,7 +121,7 @@ def photograph(
         attitude=Attitude(
             t_all, so3.to_quaternion(C_EI[order].reshape(-1, 3, 3)[first]), "GCRF", orientation, gap_s
         ),
-        sigma_attitude=sigmas.attitude,
+        cov_attitude_E=np.diag(sigmas.attitude**2),
         landmarks=Landmarks((), np.zeros((0, 3)), np.zeros((0, 3, 3))),
         images=Images(
             tuple(f"image{i + 1:02d}" for i in range(m)),

@@ -191,7 +191,7 @@ def _assemble(
         sigma_position=np.array(config.ephemeris.sigma_m),
         position_frame=config.ephemeris.frame,
         attitude=motion.attitude_series(samples, config.attitude, orientation),
-        sigma_attitude=_sigma_attitude(config, samples, images.t_ns, notices, path),
+        cov_attitude_E=_cov_attitude(config, samples, images.t_ns, notices, path),
         landmarks=landmarks,
         images=images,
         sightings=sightings,
@@ -206,10 +206,10 @@ def _no_sightings() -> Sightings:
     return Sightings(index, index, value, value, value, np.empty(0, dtype=np.bool_))
 
 
-def _sigma_attitude(
+def _cov_attitude(
     config: CampaignConfig, samples: motion.AttitudeSamples, t_ns: Epochs, notices: list[str], path: Path
 ) -> Array:
-    """The table's own sigmas at the images, else the campaign's; one of them must be stated."""
+    """From the table's own sigmas at the images, else the campaign's; one of them must be stated."""
     stated, own = config.attitude.sigma_arcsec, motion.sigma_at(samples, t_ns)
     if own is None and stated is None:
         raise InputError(
@@ -218,7 +218,8 @@ def _sigma_attitude(
         )
     if own is not None and stated is not None:
         notices.append(f"{path}: attitude.sigma_arcsec gives way to the sigmas in {config.attitude.file}")
-    return own if own is not None else ARCSEC * np.array(stated)
+    sigma = own if own is not None else ARCSEC * np.array(stated)
+    return sigma[..., None] ** 2 * np.eye(3)
 
 
 def _rounded(config: Mounting, path: Path) -> list[str]:

@@ -129,7 +129,7 @@ class Product:
             sigma_position=position,
             position_frame="ITRF",
             attitude=Attitude(self.attitude_t_ns, self.q_EF, self.frame, inertial),
-            sigma_attitude=attitude,
+            cov_attitude_E=np.diag(attitude**2),
             landmarks=Landmarks((), np.empty((0, 3)), np.empty((0, 3, 3))),
             images=Images((self.name,), np.array([self.t_ns]), np.array([self.line_period_s])),
             sightings=Sightings(index, index, value, value, value, np.empty(0, dtype=np.bool_)),

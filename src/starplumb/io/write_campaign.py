@@ -42,7 +42,7 @@ def write_campaign(
     in the frame of their sigmas. ``comment`` heads campaign.toml; ``C_EK_true`` is noted there as the truth
     of a simulation, which nothing but the display of results may use; ``detections`` are written in place of
     the sightings. Returns the path of campaign.toml. Raises ValueError for landmark covariances that are not
-    along east, north, up.
+    along east, north, up, and for an attitude covariance that is not along E's axes.
     """
     files = {
         "ephemeris.csv": _ephemeris(campaign, time_scale),
@@ -83,11 +83,12 @@ def _ephemeris(campaign: Campaign, scale: str) -> str:
 def _attitude(campaign: Campaign, scale: str) -> str:
     attitude = campaign.attitude
     header, columns = ["time", *QUATERNION], [_times(attitude.t_ns, scale), *attitude.q_EF.T]
-    if campaign.sigma_attitude.ndim == 2:
+    stated = _along_axes(campaign.cov_attitude_E, "the attitude's covariance is not along the axes of E")
+    if stated.ndim == 2:
         order = np.argsort(campaign.images.t_ns)
         at = (attitude.t_ns - attitude.t_ns[0]) * 1e-9
         known = (campaign.images.t_ns[order] - attitude.t_ns[0]) * 1e-9
-        sigmas = [np.interp(at, known, sigma) / ARCSEC for sigma in campaign.sigma_attitude[order].T]
+        sigmas = [np.interp(at, known, sigma) / ARCSEC for sigma in stated[order].T]
         header, columns = [*header, *SIGMA_ATTITUDE], [*columns, *sigmas]
     return csv_text(header, columns)
 
@@ -95,17 +96,24 @@ def _attitude(campaign: Campaign, scale: str) -> str:
 def _landmarks(landmarks: Landmarks) -> str:
     latitude, longitude, height = itrf_to_geodetic(landmarks.r_J)
     C = C_JT(latitude, longitude)
-    covariance_T = C.mT @ landmarks.covariance_J @ C
-    variance = np.diagonal(covariance_T, axis1=-2, axis2=-1)
-    left_out = covariance_T - variance[:, None, :] * np.eye(3)
-    if np.any(np.abs(left_out) > _ALONG_AXES * np.max(variance, axis=-1)[:, None, None]):
-        raise ValueError("a landmark's covariance is not along east, north and up")
+    exact = _along_axes(
+        C.mT @ landmarks.covariance_J @ C, "a landmark's covariance is not along east, north and up"
+    )
     # turning J into T and back costs a few last digits
-    rounded = [[float(f"{x:.12g}") for x in row] for row in np.sqrt(variance).tolist()]
-    sigma = np.array(rounded).reshape(variance.shape)  # which an empty list has lost
+    rounded = [[float(f"{x:.12g}") for x in row] for row in exact.tolist()]
+    sigma = np.array(rounded).reshape(exact.shape)  # which an empty list has lost
     names, sigmas = (SIGMA_ENU, sigma) if np.ptp(sigma, axis=-1).any() else (("sigma_m",), sigma[:, :1])
     place = (latitude / DEG, longitude / DEG, height)
     return csv_text(("landmark_id", *GEODETIC, *names), (landmarks.ids, *place, *sigmas.T))
+
+
+def _along_axes(covariance: Array, complaint: str) -> Array:
+    """Sigmas (..., 3) of covariances (..., 3, 3); ValueError where more than they is in them."""
+    variance = np.diagonal(covariance, axis1=-2, axis2=-1)
+    left_out = covariance - variance[..., None, :] * np.eye(3)
+    if np.any(np.abs(left_out) > _ALONG_AXES * np.max(variance, axis=-1)[..., None, None]):
+        raise ValueError(complaint)
+    return np.sqrt(variance)
 
 
 def _images(campaign: Campaign, scale: str) -> str:
@@ -152,8 +160,8 @@ def _sections(campaign: Campaign, scale: str, tracker: str, measured: str) -> di
         | _gap(campaign.ephemeris.gap_s),
         "attitude": {"file": "attitude.csv", "from": attitude.frame, "to": tracker}
         | (
-            {"sigma_arcsec": _in_unit(campaign.sigma_attitude, ARCSEC)}
-            if campaign.sigma_attitude.ndim == 1
+            {"sigma_arcsec": _in_unit(np.sqrt(np.diagonal(campaign.cov_attitude_E)), ARCSEC)}
+            if campaign.cov_attitude_E.ndim == 2
             else {}
         )
         | _gap(attitude.gap_s),
