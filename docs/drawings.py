@@ -128,7 +128,7 @@ def mounting() -> Figure:
 
 
 def signs() -> Figure:
-    """theta_E about +z: the model camera is turned counter-clockwise from the true one; the correction turns it back."""
+    """theta_E about +z: the model camera is turned counter-clockwise from the true one; the correction turns it."""
     figure, axes = blank(9.0, 4.0, 2)
     theta = 24.0 * DEG
 

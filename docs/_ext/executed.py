@@ -1,8 +1,8 @@
 """Directives that run what a page shows while the page is read, so that it shows what the program says today.
 
-``{run}`` runs shell commands, ``{python}`` a script, ``{file}`` writes a file; ``{show}`` prints a file that was written,
-``{picture}`` includes a figure and ``{attach}`` links a whole page.  All blocks of one page share one folder, empty when
-the page begins.
+``{run}`` runs shell commands, ``{python}`` a script, ``{file}`` writes a file; ``{show}`` prints one that was written,
+``{picture}`` includes a figure and ``{attach}`` links a whole page.  All blocks of a page share one folder, empty
+but for the examples when the page begins.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from sphinx.util import logging
 from sphinx.util.docutils import SphinxDirective
 
 LIMIT_S = 120
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 logger = logging.getLogger(__name__)
 
 
@@ -28,7 +29,8 @@ def environment() -> dict[str, str]:
     """What commands run in: this interpreter first on the path, plain output 88 columns wide."""
     bins = Path(sys.executable).parent
     plain = {"COLUMNS": "88", "NO_COLOR": "1", "TERM": "dumb", "MPLBACKEND": "Agg"}
-    return {**os.environ, "PATH": f"{bins}{os.pathsep}{os.environ.get('PATH', '')}", **plain}
+    path = f"{bins}{os.pathsep}{os.environ.get('PATH', '')}"
+    return {**os.environ, "PATH": path, **plain}
 
 
 def commands(lines: list[str]) -> list[str]:
@@ -54,6 +56,7 @@ class Executed(SphinxDirective):
             self.env.temp_data["executed"] = self.env.docname
             shutil.rmtree(folder, ignore_errors=True)
             folder.mkdir(parents=True)
+            (folder / "examples").symlink_to(EXAMPLES)
             self.env.note_reread()
         return folder
 
