@@ -13,18 +13,22 @@ from importlib.resources import files
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from typer.testing import CliRunner
 
 from problems import C_EK_TRUE, truth
 from starplumb import so3
 from starplumb.calibration import calibrate
+from starplumb.cli.app import app
 from starplumb.demo import demo
 from starplumb.earth import C_JT, itrf_to_geodetic
 from starplumb.estimators.gls import Gls
+from starplumb.estimators.wahba import Wahba
 from starplumb.intersection import intersect
 from starplumb.io.result import result_document
-from starplumb.report import calibration_page
+from starplumb.report import calibration_page, simulation_page
 from starplumb.report.plots import Ellipse, outline, thinned
 from starplumb.report.text import euler_zyx, length, measured, number
+from starplumb.shares import PRIOR, shares
 from starplumb.units import ARCSEC
 
 HOSTILE = "<script>alert('x')</script>"
@@ -49,8 +53,8 @@ class Seen(HTMLParser):
         return [value for _, name, value in self.attributes if name == attribute]
 
 
-def page_of(campaign, inputs=None, **extra):
-    done = calibrate(campaign, Gls())
+def page_of(campaign, inputs=None, estimator=None, **extra):
+    done = calibrate(campaign, estimator or Gls())
     provenance = {"corrections": {"aberration": True}, "notices": [], "earth_orientation": None}
     names = ("camera", "star_tracker")
     document = result_document(done, "gls", names, inputs or {"campaign.toml": "sha256:00"}, provenance)
@@ -143,8 +147,10 @@ def test_contrast_is_that_of_wcag_aa(theme):
 PROGRAM = """
 import hashlib
 from starplumb.calibration import calibrate
+from starplumb.cli.app import app
 from starplumb.demo import demo
 from starplumb.estimators.gls import Gls
+from starplumb.estimators.wahba import Wahba
 from starplumb.io.result import result_document
 from starplumb.report import calibration_page
 done = calibrate(demo("line-scan", 2, 3)[0], Gls())
@@ -175,14 +181,16 @@ def test_a_singular_campaign_has_a_report_that_forbids_its_use(campaign):
     assert "No alignment can be given" in page
 
 
-def test_a_budget_shows_where_there_is_one(campaign, page):
+def test_a_budget_shows_where_there_is_one(campaign):
     rows = [
         {"source": "star tracker", "sigma_arcsec": [3.0, 3.0, 6.0]},
         {"source": "pixels", "sigma_arcsec": [4.0, 4.0, 8.0]},
     ]
     with_budget, _ = page_of(campaign, budget=rows)
     assert 'id="budget"' in with_budget
-    assert 'id="budget"' not in page
+    without, _ = page_of(campaign, estimator=Wahba())
+    assert 'id="budget"' not in without
+    assert "the method states no sigma" in without
     text = "".join(Seen(with_budget).text)
     assert re.search(r"all together\s+5.00\s+5.00\s+10.0", text)  # 3, 4, 5 and 6, 8, 10
 
@@ -257,3 +265,90 @@ def test_a_page_of_stereo_images_has_le90():
     scene = truth(images=3, markers=5, tilt_deg=20.0, shared_site=True)
     page, _ = page_of(scene)
     assert "LE90 is that of heights where the lines of sight of several images meet" in page
+
+
+@pytest.mark.parametrize("prior", [None, np.full(3, 2.0 * ARCSEC)], ids=["no prior", "prior"])
+def test_the_budget_adds_up_and_follows_each_source(prior):
+    """A part is the derivative of the covariance by that source's variance: an optimal gain adds nothing."""
+    scene = replace(truth(images=3, markers=5, shared_site=True), sigma_mounting=prior)
+    done = calibrate(scene, Gls())
+    found = shares(done)
+    np.testing.assert_allclose(sum(found.values()), done.estimate.covariance_E, rtol=1e-5, atol=1e-18)
+    assert (PRIOR in found) == (prior is not None)
+    o = done.observations
+    fields = {
+        "star tracker": "cov_attitude_E",
+        "satellite position": "cov_position_J",
+        "marker survey": "cov_landmark_J",
+        "image measurement": "sigma_px",
+    }
+    for name, field in fields.items():
+        power = 0.5 if field == "sigma_px" else 1.0
+        more, less = (
+            Gls()(replace(o, **{field: getattr(o, field) * (1.0 + h) ** power}), scene.C_EK).covariance_E
+            for h in (1e-3, -1e-3)
+        )
+        np.testing.assert_allclose(
+            found[name], (more - less) / 2e-3, rtol=1e-4, atol=1e-5 * np.abs(found[name]).max(), err_msg=name
+        )
+
+
+def test_a_study_and_a_budget_have_their_pages(tmp_path):
+    for command in (
+        ["simulate", "two-images", "--trials", "60", "--workers", "1"],
+        ["budget", "two-images", "--target", "5"],
+    ):
+        folder = tmp_path / command[0]
+        result = CliRunner().invoke(app, [*command, "--out", str(folder), "--quiet"])
+        assert result.exit_code == 0, result.output
+        page = (folder / "report.html").read_text(encoding="utf-8")
+        seen = Seen(page)
+        assert "script" not in seen.tags
+        assert seen.tags.count("svg") >= 1
+        ids = seen.values("id")
+        assert len(ids) == len(set(ids))
+        assert "two-images" in "".join(seen.text)
+
+
+def test_a_wrong_stated_sigma_is_written_on_the_badge():
+    interval = {"value": 1.4, "low": 1.35, "high": 1.45, "band_low": 0.95, "band_high": 1.05, "wrong": True}
+    axis = dict.fromkeys(("mean_arcsec", "sigma_arcsec", "rms_arcsec", "rmse_over_bound"), interval) | {
+        "max_arcsec": 9.0,
+        "stated_sigma_arcsec": 1.0,
+        "kurtosis": 3.0,
+        "error_over_stated": interval,
+        "histogram": None,
+        "quantiles_arcsec": {"0.5": interval},
+    }
+    curve = {"trials": [10], **{f"sigma_{k}_arcsec": [1.4] for k in "xyz"}}
+    method = {
+        "axes": dict.fromkeys("xyz", axis),
+        "nees": interval,
+        "ground": {"ce90_m": None},
+        "failed": 0,
+        "status": {"ok": 10},
+        "verdict": [HOSTILE],
+        "convergence": curve,
+    }
+    document = {
+        "scenario": HOSTILE,
+        "description": "",
+        "trials": 10,
+        "seed": 1,
+        "chunk": 10,
+        "sightings": 4,
+        "images": 2,
+        "fingerprint": {},
+        "cramer_rao_arcsec": None,
+        "sources": [],
+        "methods": {"gls": method},
+    }
+    page = simulation_page(document)
+    assert "the stated sigma does not hold: gls" in page
+    assert "script" not in Seen(page).tags
+    fine = {
+        **method,
+        "nees": interval | {"wrong": False},
+        "axes": dict.fromkeys("xyz", axis | {"error_over_stated": None}),
+    }
+    assert "the stated sigmas hold" in simulation_page(document | {"methods": {"gls": fine}})

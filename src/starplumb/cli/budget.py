@@ -30,7 +30,9 @@ def budget(
     methods: Annotated[
         str, typer.Option("--methods", "-m", help="Estimators, with commas between them.")
     ] = "gls",
-    out: Annotated[Path | None, typer.Option("--out", "-o", help="Folder for budget.json.")] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Folder for budget.json and report.html.")
+    ] = None,
     json: Json = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -59,11 +61,13 @@ def budget(
         None if target is None else target * ARCSEC,
     )
     if out is not None:
-        publish(out, {"budget.json": json_text(found)})
+        from ..report import budget_page
+
+        publish(out, {"budget.json": json_text(found), "report.html": budget_page(found)})
     speak.document(found)
     speak.show(*_tables(found), *_sentences(found))
     if out is not None:
-        speak.show(f"written: {out / 'budget.json'}")
+        speak.show(f"written: {out}")
 
 
 def _tables(found: dict[str, Any]) -> Iterator[Table]:

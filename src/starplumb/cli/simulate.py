@@ -62,8 +62,9 @@ def simulate(
 ) -> None:
     """Say what accuracy a scenario gives, by trying it many times.
 
-    Writes summary.json, the samples and figures into --out. Finished chunks are kept there: interrupted, the same
-    command goes on where it stopped. The answer depends on scenario, seed, trials and chunk alone.
+    Writes summary.json, the page report.html, the samples and figures into --out. Finished chunks are kept there:
+    interrupted, the same command goes on where it stopped. The answer depends on scenario, seed, trials and chunk
+    alone.
 
     Examples:
 
@@ -197,6 +198,7 @@ def _publish(store: Store, out: Path | None, format: Any, speak: Output) -> dict
     """Write the results, if they are wanted, and return summary.json."""
     from ..io.samples import write_samples
     from ..io.write import json_text, publish
+    from ..report import simulation_page
     from ..study_summary import summarise
 
     document: dict[str, Any] = summarise(store)
@@ -205,7 +207,8 @@ def _publish(store: Store, out: Path | None, format: Any, speak: Output) -> dict
     if format == "none" and not store.study.keep_samples:
         speak.detail("no samples are written")
     write_samples(store, out, format)
-    publish(out, {"summary.json": json_text(document), **_figures(document, speak)})
+    files = {"summary.json": json_text(document), "report.html": simulation_page(document)}
+    publish(out, files | _figures(document, speak))
     return document
 
 

@@ -16,6 +16,7 @@ from ..errors import InputError
 from ..estimators.protocol import ParameterVector
 from ..residuals import Accuracy, rms
 from ..separability import known
+from ..shares import shares
 from ..snooping import Snooping
 from ..units import ARCSEC
 from ..wanted import UNITS, unit_of
@@ -70,6 +71,7 @@ def result_document(
             }
             for r in c.rejected
         ],
+        **_budget(c),
         **({} if estimate.parameters is None else _parameters(c, estimate.parameters)),
         "images": _images(c),
         "landmarks": _landmarks(c),
@@ -172,6 +174,15 @@ def _fit(c: Calibration) -> dict[str, Any]:
         "rms_own_px": numbers(rms(c.residuals.fit_px[used])),
         "iterations": int(c.estimate.iterations),
     }
+
+
+def _budget(c: Calibration) -> dict[str, Any]:
+    """What each error source alone contributes to the sigmas; nothing where the method does not say."""
+    rows = [
+        {"source": name, "sigma_arcsec": numbers(np.sqrt(np.diagonal(part)) / ARCSEC)}
+        for name, part in shares(c).items()
+    ]
+    return {"budget": rows} if rows else {}
 
 
 def _parameters(c: Calibration, p: ParameterVector) -> dict[str, Any]:

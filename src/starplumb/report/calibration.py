@@ -32,7 +32,7 @@ def calibration_page(calibration: Calibration, document: Mapping[str, Any]) -> s
         tone=tone,
         sections=_sections(calibration, document),
         kind=f"calibration, method {document['method']}",
-        remarks=tuple(sentence for sentence in calibration.message.split("; ") if sentence),
+        remarks=calibration.sentences,
     )
     return render(page)
 
@@ -98,8 +98,14 @@ def _sections(c: Calibration, document: Mapping[str, Any]) -> tuple[Section, ...
             "Fit, images and markers",
             tables.fit_words(document),
             (),
-            (*tables.rejections(document), *tables.images(document), *tables.markers(c, document)),
+            (
+                *tables.parameters(document),
+                *tables.rejections(document),
+                *tables.images(document),
+                *tables.markers(document),
+            ),
         ),
+        Section("reliability", "Reliability of each sighting", *tables.reliability(c)),
         Section("provenance", "Provenance", tables=tables.provenance(document)),
     )
 
@@ -114,7 +120,6 @@ def _knowledge(c: Calibration) -> Section:
         "What is well and what is poorly determined",
         tables.knowledge(c.estimate.C_EK, covariance),
         figures.alignment_ellipses(c),
-        bullets=tuple(s for s in c.message.split("; ") if s),
     )
 
 
@@ -126,5 +131,10 @@ def _budget(c: Calibration, document: Mapping[str, Any]) -> tuple[Any, ...]:
     names = [row["source"] for row in budget]
     shares = np.array([row["sigma_arcsec"] for row in budget], dtype=np.float64)
     worst = [names[int(np.argmax(shares[:, i]))] for i in range(3)]
-    sentence = f"What limits the angles about x, y and z most: {listed(worst)}."
+    limits = {
+        name: listed(axis for axis, most in zip("xyz", worst, strict=True) if most == name) for name in worst
+    }
+    sentence = (
+        f"What limits the alignment most: {listed(f'{name} about {axes}' for name, axes in limits.items())}."
+    )
     return (sentence,), figures.budget(names, shares), tables.budget(names, shares)

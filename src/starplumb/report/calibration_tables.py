@@ -18,8 +18,8 @@ from .text import NOT_STATED, coefficient, length, listed, number, rotation_form
 Array = NDArray[np.float64]
 Document = Mapping[str, Any]
 
-LISTED_AT_MOST = 150
-"""Markers in the table of the page; residuals.csv has all of them."""
+LISTED_AT_MOST = 40
+"""Markers and sightings in the tables of the page; residuals.csv has all of them."""
 
 
 def alignment(c: Calibration, document: Document) -> tuple[Table, ...]:
@@ -171,6 +171,7 @@ def images(document: Document) -> tuple[Table, ...]:
             number(i["rms_own_px"]),
             *(number(x, 2) for x in i["attitude_error_arcsec"]),
             *(number(x, 2) for x in i["position_error_m"]),
+            number(i.get("statistic"), 2),
         )
         for i in document["images"]
     ]
@@ -181,12 +182,16 @@ def images(document: Document) -> tuple[Table, ...]:
         "own rms, px",
         *(f"attitude {axis}, arcsec" for axis in "xyz"),
         *(f"position {axis}, m" for axis in "xyz"),
+        "statistic",
     )
-    note = "Attitude and position are each image's own errors as the adjustment finds them; own rms is what is left."
+    note = (
+        "Attitude and position are each image's own errors as the adjustment finds them, the statistic their misfit in "
+        "sigmas; own rms is what is left."
+    )
     return (Table("Images", head, rows, note=note),)
 
 
-def markers(c: Calibration, document: Document) -> tuple[Table, ...]:
+def markers(document: Document) -> tuple[Table, ...]:
     """Each marker's residuals, the worst first."""
     seen = [row for row in document["landmarks"] if row["observations"] > 0]
     seen.sort(key=lambda row: -(row["rms_own_px"] or 0.0))
@@ -202,6 +207,75 @@ def markers(c: Calibration, document: Document) -> tuple[Table, ...]:
     left = len(seen) - len(rows)
     note = f"The worst first; {left} more are in residuals.csv." if left > 0 else "The worst first."
     return (Table("Markers", ("marker", "sightings", "rms, px", "own rms, px"), rows, note=note),)
+
+
+def reliability(c: Calibration) -> tuple[tuple[str, ...], tuple[()], tuple[Table, ...]]:
+    """Test, control and largest hidden error of the sightings that fit worst."""
+    s = c.snooping
+    if s is None or not c.status.usable:
+        return (), (), ()
+    images, landmarks = c.campaign.images.ids, c.campaign.landmarks.ids
+    order = np.argsort(-s.statistic, kind="stable")[:LISTED_AT_MOST]
+    sightings = c.campaign.sightings
+    rows = [
+        (
+            images[sightings.image[i]],
+            landmarks[sightings.landmark[i]],
+            _role(c, int(i)),
+            number(float(s.statistic[i]), 2),
+            *(number(float(w), 2) for w in s.w[i]),
+            number(float(s.redundancy[i]), 2),
+            *(number(float(px), 2) for px in s.detectable_px[i]),
+            number(float(s.effect_E[i] / ARCSEC), 2),
+        )
+        for i in order
+    ]
+    head = (
+        "image",
+        "marker",
+        "role",
+        "statistic",
+        "w, column",
+        "w, row",
+        "redundancy",
+        "detectable, column, px",
+        "detectable, row, px",
+        "effect, arcsec",
+    )
+    words = (
+        "The statistic is the misfit of a sighting in sigmas if it is tested alone, w the same for its column and row. "
+        "Redundancy is the share of its information that the others control. An error of the detectable size is found "
+        "with 80 % power at the level 0.1 %; one just below it would turn the answer by the effect.",
+    )
+    left = sightings.image.size - len(rows)
+    note = f"The worst first; {left} more are in residuals.csv." if left > 0 else "The worst first."
+    marked = frozenset(k for k, row in enumerate(rows) if row[2] == "rejected")
+    return words, (), (Table("Sightings", head, rows, text_columns=3, marked=marked, note=note),)
+
+
+def _role(c: Calibration, row: int) -> str:
+    if c.campaign.sightings.check[row]:
+        return "check"
+    return "control" if c.residuals.used[row] else "rejected"
+
+
+def parameters(document: Document) -> tuple[Table, ...]:
+    """What was estimated beside the alignment."""
+    found: Sequence[Document] = document.get("parameters", ())
+    if not found:
+        return ()
+    rows = [
+        (
+            str(p["name"]),
+            str(p["unit"]),
+            number(p["correction"], 5) if p["known"] else "not told by the data",
+            number(p["sigma"]),
+            number(p["prior_sigma"]),
+        )
+        for p in found
+    ]
+    head = ("parameter", "unit", "correction", "sigma", "sigma before")
+    return (Table("Estimated beside the alignment", head, rows, text_columns=2),)
 
 
 def budget(names: Sequence[str], sigma_arcsec: Array) -> tuple[Table, ...]:

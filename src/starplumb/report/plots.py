@@ -1,4 +1,4 @@
-"""The few kinds of drawing that reports are made of: arrows, points, ellipses, bars, histograms.
+"""The few kinds of drawing that reports are made of: arrows, points, ellipses, bars, histograms, curves, intervals.
 
 Each takes plain arrays in the units of its axes and returns a :class:`~starplumb.report.page.Figure`.  What is not
 finite is left out; of very many points only some are drawn, and the caption says so.
@@ -43,6 +43,16 @@ class Ellipse:
     centre: Array
     covariance: Array
     probability: float
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A named value with the ends of its confidence interval."""
+
+    name: str
+    value: float
+    low: float
+    high: float
 
 
 def thinned(size: Array) -> tuple[NDArray[np.int64], str]:
@@ -155,7 +165,7 @@ def bars(
 ) -> Figure:
     """Horizontal bars: one row for each name, in it one bar for each group."""
     thickness = 0.8 / max(len(groups), 1)
-    with drawing(max(2.2, 0.9 + 0.22 * len(rows) * max(len(groups), 1))) as (figure, axes):
+    with drawing(max(2.2, 0.9 + 0.15 * len(rows) * max(len(groups), 1))) as (figure, axes):
         place = np.arange(len(rows), dtype=np.float64)
         for i, (group, values) in enumerate(groups):
             axes.barh(
@@ -171,27 +181,45 @@ def bars(
 
 
 def histogram(
-    name: str, values: Array, label: str, alt: str, caption: str, sigma: float | None = None
+    name: str, edges: Array, counts: Array, label: str, alt: str, caption: str, sigma: float | None = None
 ) -> Figure:
-    """Relative frequency of values (n,), with the density of a centred normal of standard deviation ``sigma``."""
-    values = values[np.isfinite(values)]
-    reach = float(np.quantile(np.abs(values), 0.999)) if values.size else 1.0
-    reach = max(reach, 3.2 * sigma if sigma else 0.0, 1e-12)
-    count = int(np.clip(np.sqrt(values.size), 8, 60))
+    """Density of counts (n,) between edges (n + 1,), with that of a centred normal of standard deviation ``sigma``."""
+    density = counts / np.maximum(np.sum(counts) * np.diff(edges), 1e-300)
     with drawing() as (figure, axes):
-        axes.hist(
-            np.clip(values, -reach, reach),
-            bins=count,
-            range=(-reach, reach),
-            density=True,
-            color=SERIES[0],
-            alpha=0.75,
-        )
+        axes.stairs(density, edges, fill=True, color=SERIES[0], alpha=0.6)
         if sigma:
-            x = np.linspace(-reach, reach, 121)
-            density = np.exp(-0.5 * (x / sigma) ** 2) / (sigma * np.sqrt(2.0 * np.pi))
-            axes.plot(x, density, color=SERIES[1], label="as the stated sigma says")
+            x = np.linspace(edges[0], edges[-1], 201)
+            normal = np.exp(-0.5 * (x / sigma) ** 2) / (sigma * np.sqrt(2.0 * np.pi))
+            axes.plot(x, normal, color=INK, label="as the stated sigma says")
             figure.legend(loc="outside upper center")
         axes.set_xlabel(label)
         axes.set_ylabel("density")
+        return Figure(svg_text(figure, name), alt, caption)
+
+
+def lines(name: str, groups: Sequence[Points], labels: tuple[str, str], alt: str, caption: str) -> Figure:
+    """Curves over a logarithmic axis."""
+    with drawing() as (figure, axes):
+        axes.set_xscale("log")
+        axes.set_xlabel(labels[0])
+        axes.set_ylabel(labels[1])
+        for group, colour, marker in zip(groups, SERIES, MARKERS, strict=False):
+            axes.plot(group.x, group.y, f"{marker}-", color=colour, markersize=3.0, label=group.name)
+        figure.legend(loc="outside upper center", ncols=len(groups))
+        return Figure(svg_text(figure, name), alt, caption)
+
+
+def intervals(
+    name: str, rows: Sequence[Interval], band: tuple[float, float], label: str, alt: str, caption: str
+) -> Figure:
+    """Values with their intervals, one row each, over the band in which they should lie."""
+    with drawing(max(2.0, 0.9 + 0.3 * len(rows))) as (figure, axes):
+        axes.axvspan(*band, color=SERIES[2], alpha=0.2)
+        axes.axvline(1.0, color=MUTED, linewidth=0.8)
+        for place, row in enumerate(rows):
+            axes.plot((row.low, row.high), (place, place), color=SERIES[0])
+            axes.plot(row.value, place, "o", color=SERIES[0], markersize=4.0)
+        axes.set_yticks(range(len(rows)), [row.name for row in rows])
+        axes.invert_yaxis()
+        axes.set_xlabel(label)
         return Figure(svg_text(figure, name), alt, caption)

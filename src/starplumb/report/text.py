@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +33,18 @@ def measured(value: float, sigma: float | None) -> str:
         return number(value, 4)
     places = max(1 - int(np.floor(np.log10(sigma))), 0)
     return f"{value:.{places}f} ± {sigma:.{places}f}".replace("-", "−")
+
+
+def interval(found: Mapping[str, float] | None) -> str:
+    """A value with half its confidence interval; a dash for none."""
+    if found is None or found["value"] is None:
+        return "–"
+    return measured(found["value"], 0.5 * (found["high"] - found["low"]))
+
+
+def triple(values: Iterable[float]) -> str:
+    """Three figures, one for each axis."""
+    return ", ".join(number(value) for value in values)
 
 
 def length(metres: float | None) -> str:

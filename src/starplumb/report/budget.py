@@ -1,0 +1,137 @@
+"""The report of a scenario's error budget, from its ``budget.json``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from .page import Figure, Page, Section, Table, render
+from .plots import bars
+from .text import number, triple
+
+Document = Mapping[str, Any]
+
+AXES = ("x", "y", "z")
+
+
+def budget_page(document: Document) -> str:
+    """``report.html`` of an error budget; the same budget gives the same text."""
+    methods: Mapping[str, Document] = document["methods"]
+    true = bool(document["stated_model_is_true"])
+    page = Page(
+        title=f"Error budget: {document['scenario']}",
+        summary=_summary(document),
+        badge="the stated error model is the true one"
+        if true
+        else "the stated error model is not the true one",
+        tone="good" if true else "fair",
+        sections=(*(_method(name, method) for name, method in methods.items()), _target(document["target"])),
+        kind="error budget",
+        remarks=(str(document["description"]), *(f"left out: {name}" for name in document["left_out"])),
+    )
+    return render(page)
+
+
+def _summary(document: Document) -> str:
+    name, method = next(iter(document["methods"].items()))
+    return (
+        f"With {document['sightings']} sightings in {document['images']} images the method {name} gives the alignment "
+        f"to {triple(method['sigma_arcsec'])} arcsec (1 sigma) about x, y, z."
+    )
+
+
+def _label(share: Document) -> str:
+    return f"{share['source']} {share['component']}".strip()
+
+
+def _unit(share: Document) -> str:
+    return next(key for key in share if key.startswith("sigma_")).removeprefix("sigma_")
+
+
+def _method(name: str, method: Document) -> Section:
+    shares = method["sources"]
+    rows = []
+    for share in shares:
+        unit = _unit(share)
+        rows.append(
+            (
+                _label(share),
+                str(share["words"]),
+                f"{number(share[f'sigma_{unit}'])} {unit}",
+                *_beside(share["contribution_arcsec"], [s["contribution_arcsec"] for s in shares]),
+                *(number(x) for x in share[f"sensitivity_arcsec_per_{unit}"]),
+            )
+        )
+    stated = method["stated_sigma_arcsec"]
+    rows.append(("sigma it has", "", "", *(number(x) for x in method["sigma_arcsec"]), "", "", ""))
+    rows.append(("sigma it states", "", "", *(number(x) for x in stated or [None] * 3), "", "", ""))
+    head = (
+        "source",
+        "what",
+        "sigma",
+        *(f"contributes about {axis}, arcsec" for axis in AXES),
+        *(f"d sigma / d source, {axis}" for axis in AXES),
+    )
+    return Section(
+        f"method-{name}",
+        f"Method {name}",
+        figures=_shares(name, shares),
+        tables=(Table(f"Budget of {name}", head, rows, text_columns=2),),
+        bullets=tuple(str(sentence) for sentence in method["in_words"]),
+    )
+
+
+def _beside(values: list[float], others: list[list[float]]) -> tuple[str, ...]:
+    """Three figures; one that is less than a thousandth of the largest about its axis is shown as 0."""
+    largest = np.max(np.array(others, dtype=np.float64), axis=0)
+    return tuple(
+        number(x) if x >= 1e-3 * most else "0" for x, most in zip(values, largest.tolist(), strict=True)
+    )
+
+
+def _shares(name: str, shares: list[Document]) -> tuple[Figure, ...]:
+    """Contributions of those sources that matter."""
+    values = np.array([share["contribution_arcsec"] for share in shares], dtype=np.float64)
+    large = np.max(values / np.maximum(np.max(values, axis=0), 1e-300), axis=1) > 0.02
+    chosen = np.flatnonzero(large)
+    worst = [_label(shares[int(np.argmax(values[:, i]))]) for i in range(3)]
+    words = f"the largest about x, y, z are {', '.join(worst)}"
+    return (
+        bars(
+            f"shares-{name}",
+            [_label(shares[i]) for i in chosen],
+            [(f"about {axis}", values[chosen, i]) for i, axis in enumerate(AXES)],
+            "sigma by this source alone, arcsec",
+            f"Contributions of the error sources to the alignment error of {name}: {words}.",
+            f"What each source alone contributes to the error of {name}; {words}.",
+        ),
+    )
+
+
+def _target(target: Document | None) -> Section:
+    """What each source must shrink to."""
+    title = "What a wanted accuracy asks for"
+    if target is None:
+        return Section("target", title)
+    rows = []
+    for source in target["sources"]:
+        unit = _unit(source)
+        wanted = source[f"wanted_sigma_{unit}"]
+        rows.append(
+            (
+                str(source["source"]),
+                f"{', '.join(number(x) for x in source[f'sigma_{unit}'])} {unit}",
+                "cannot reach it" if wanted is None else f"{', '.join(number(x) for x in wanted)} {unit}",
+                *(number(x) for x in source["without_it_arcsec"]),
+            )
+        )
+    head = ("source", "is", "must be", *(f"sigma without it, {axis}, arcsec" for axis in AXES))
+    caption = f"Each source alone, for {number(target['target_arcsec'])} arcsec about each axis"
+    return Section(
+        "target",
+        title,
+        tables=(Table(caption, head, rows, text_columns=3),),
+        bullets=tuple(str(sentence) for sentence in target["in_words"]),
+    )
