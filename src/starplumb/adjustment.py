@@ -57,9 +57,8 @@ def _inverse_root_2x2(V: Array, smallest: Array) -> Array:
     a, b, c = V[..., 0, 0], V[..., 0, 1], V[..., 1, 1]
     l00 = np.sqrt(a)
     l10 = b / l00
-    l11 = np.sqrt(
-        np.maximum(c - l10 * l10, smallest)
-    )  # rounding may take the difference below what it can be
+    # rounding may take the difference below what it can be
+    l11 = np.sqrt(np.maximum(c - l10 * l10, smallest))
     W = np.zeros_like(V)
     W[..., 0, 0], W[..., 1, 1], W[..., 1, 0] = 1.0 / l00, 1.0 / l11, -l10 / (l00 * l11)
     return W
@@ -71,7 +70,8 @@ class Design:
 
     ``P`` (..., n, 2, 6 + k + 1) holds ``[G, A, z]``; ``D`` (..., n, 2, 3) is zero for a landmark seen once.
     ``repeated`` (q,) are the landmarks seen more than once, ``place`` (n,) that of each sighting's (-1: not there).
-    ``W`` (..., n, 2, 2) is what whitened them: units of sigma per pixel of column and row.
+    ``W`` (..., n, 2, 2) is what whitened them: units of sigma per pixel of column and row.  ``S_attitude``,
+    ``S_position`` (..., m, 3, 3) and ``S_landmark`` (..., q, 3, 3) turn a, a and b back into their own units.
     """
 
     P: Array
@@ -87,22 +87,24 @@ class Design:
 def whiten(o: Observations, model: Linearised, A: Array) -> Design:
     """The design in units of the stated errors; rows of weight zero vanish."""
     S_attitude, S_position = square_root(o.cov_attitude_E), square_root(o.cov_position_J)
-    S_landmark = square_root(o.cov_landmark_J)
     times_seen = np.bincount(o.landmark, minlength=o.n_landmarks)
     repeated = np.flatnonzero(times_seen > 1)
     place = np.full(o.n_landmarks, -1)
     place[repeated] = np.arange(repeated.size)
-    once = (times_seen == 1)[o.landmark][:, None, None]
-    D = model.R @ S_landmark[..., o.landmark, :, :]
-    V = np.where(once, D @ D.mT, 0.0) + (o.sigma_px**2)[..., None, None] * np.eye(2)
+    place = place[o.landmark]
+    S_landmark = square_root(o.cov_landmark_J[..., repeated, :, :])
+    own = model.R @ o.cov_landmark_J[..., o.landmark, :, :] @ model.R.mT
+    V = np.where((place < 0)[:, None, None], own, 0.0) + (o.sigma_px**2)[..., None, None] * np.eye(2)
     W = _inverse_root_2x2(V, o.sigma_px**2) * np.sqrt(o.weight)[..., None, None]
     attitude = model.H @ S_attitude[..., o.image, :, :]
     position = -model.R @ S_position[..., o.image, :, :]
     blocks = [attitude, position, A, model.z_px[..., None]]
-    batch = np.broadcast_shapes(*(block.shape[:-2] for block in blocks))
-    P = W @ np.concatenate([np.broadcast_to(b, (*batch, *b.shape[-2:])) for b in blocks], axis=-1)
-    D = np.where(once, 0.0, W @ D)
-    return Design(P, D, W, S_attitude, S_position, S_landmark, repeated, place[o.landmark])
+    batch = np.broadcast_shapes(W.shape[:-3], *(block.shape[:-3] for block in blocks))
+    P = W @ np.concatenate([np.broadcast_to(b, (*batch, *b.shape[-3:])) for b in blocks], axis=-1)
+    D = np.zeros((*batch, o.n, 2, 3))
+    again = np.flatnonzero(place >= 0)
+    D[..., again, :, :] = (W @ model.R)[..., again, :, :] @ S_landmark[..., place[again], :, :]
+    return Design(P, D, W, S_attitude, S_position, S_landmark, repeated, place)
 
 
 def _sums(values: Array, index: Index, count: int) -> Array:
@@ -228,23 +230,25 @@ def _with_shared_errors(
     batch = x.shape[:-1]
     y = np.concatenate([x, b], axis=-1)[..., None, :, None]
     a = -(n.inverse @ (n.Gz + n.GY @ y))[..., 0]
-    landmark = np.zeros((*batch, o.n_landmarks, 3))
-    landmark[..., d.repeated, :] = b.reshape(*batch, -1, 3)
+    b = b.reshape(*batch, -1, 3)
+    pi_J = np.zeros((*batch, o.n_landmarks, 3))
+    pi_J[..., d.repeated, :] = (d.S_landmark @ b[..., None])[..., 0]
     unknown = np.concatenate(
         [a, np.broadcast_to(x[..., None, :], (*batch, o.n_images, x.shape[-1]))], axis=-1
     )
-    v = (
-        d.P[..., -1:]
-        + d.P[..., :-1] @ unknown[..., o.image, :, None]
-        + d.D @ landmark[..., o.landmark, :, None]
-    )
+    v = d.P[..., -1:] + d.P[..., :-1] @ unknown[..., o.image, :, None]
+    again = np.flatnonzero(d.place >= 0)
+    v[..., again, :, :] += d.D[..., again, :, :] @ b[..., d.place[again], :, None]
     return Adjustment(
         x=x,
         information=information,
         covariance=covariance,
         alpha_E=(d.S_attitude @ a[..., :3, None])[..., 0],
         rho_J=(d.S_position @ a[..., 3:, None])[..., 0],
-        pi_J=(d.S_landmark @ landmark[..., None])[..., 0],
+        pi_J=pi_J,
         v=v[..., 0],
-        chi2=chi2 + np.sum(v * v, axis=(-3, -2, -1)) + np.sum(a * a, axis=(-2, -1)) + np.sum(b * b, axis=-1),
+        chi2=chi2
+        + np.sum(v * v, axis=(-3, -2, -1))
+        + np.sum(a * a, axis=(-2, -1))
+        + np.sum(b * b, axis=(-2, -1)),
     )
