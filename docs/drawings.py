@@ -14,7 +14,7 @@ from starplumb import so3
 from starplumb.units import DEG
 
 plt.switch_backend("svg")
-plt.rcParams.update({"svg.hashsalt": "starplumb", "font.size": 10, "savefig.facecolor": "white"})
+plt.rcParams.update({"svg.hashsalt": "starplumb", "font.size": 12, "savefig.facecolor": "white"})
 
 RED, GREEN, BLUE, GREY = "#c0392b", "#1e8449", "#2456a6", "#777777"
 VIEW = so3.exp(np.array([-62.0, 0.0, 0.0]) * DEG) @ so3.exp(np.array([0.0, 0.0, 35.0]) * DEG)
@@ -44,7 +44,8 @@ def arrow(
     )
     if text:
         away = np.asarray(end) - np.asarray(start)
-        at = np.asarray(end) + 0.14 * away / max(float(np.linalg.norm(away)), 1e-9)
+        room = 0.14 if "$" in text else 0.14 + 0.03 * len(text)
+        at = np.asarray(end) + room * away / max(float(np.linalg.norm(away)), 1e-9)
         axis.text(*at, text, color=colour, ha="center", va="center")
 
 
@@ -63,7 +64,7 @@ def triad(
 
 def frames() -> Figure:
     """J on the Earth, O at the satellite, E and K bolted to it."""
-    figure, (axis,) = blank(8.0, 6.2)
+    figure, (axis,) = blank(7.0, 5.4)
     angle = np.linspace(0.0, 2.0 * np.pi, 200)
     radius = 2.6
     axis.plot(radius * np.cos(angle), radius * np.sin(angle), color=GREY, lw=1.0)
@@ -82,14 +83,14 @@ def frames() -> Figure:
     along = along / np.linalg.norm(along)
     across = np.cross(down, along)
     triad(axis, r, np.stack([along, across, down], axis=-1), "black", ("$x_O$", "$y_O$", "$z_O$"), 1.5)
-    axis.text(*(on_paper(r) + np.array([-2.2, 0.55])), "O: orbital", color="black")
+    axis.text(*(on_paper(r) + np.array([-3.4, 0.75])), "O: orbital", color="black")
     axis.set(xlim=(-4.6, 6.4), ylim=(-4.4, 5.2))
     return figure
 
 
 def mounting() -> Figure:
     """The rigid body with the star tracker E and the camera K, and the line of sight to a marker."""
-    figure, (axis,) = blank(8.0, 5.6)
+    figure, (axis,) = blank(7.4, 5.2)
     body = np.array([[-1.2, -0.8], [1.2, -0.8], [1.2, 0.8], [-1.2, 0.8], [-1.2, -0.8]])
     axis.plot(*body.T, color=GREY, lw=1.2)
     axis.text(-1.1, 0.55, "satellite", color=GREY)
@@ -105,8 +106,8 @@ def mounting() -> Figure:
     axis.plot(*camera, "x", color=BLUE)
     axis.text(
         -4.4,
-        -1.6,
-        "K: camera\nx growing column\ny growing row (away from the reader)\nz boresight, to the scene",
+        -2.0,
+        "K: camera\nx growing column\ny growing row\n   (away from the reader)\nz boresight, to the scene",
         color=BLUE,
         va="top",
     )
@@ -149,7 +150,7 @@ def signs() -> Figure:
             1.05 * turned(arc[-4]),
             arrowprops={"arrowstyle": "-|>", "color": "black"},
         )
-        axis.set_title(title, fontsize=11)
+        axis.set_title(title, fontsize=12)
         axis.plot(0, 0, "o", color="black", markersize=7, fillstyle="none")
         axis.plot(0, 0, ".", color="black")
         axis.set(xlim=(-1.0, 2.1), ylim=(-0.55, 2.0))
@@ -180,14 +181,14 @@ def pixels() -> Figure:
         arrow(axis, np.array([-0.85, -0.5]), np.array([-0.85, 2.6]), BLUE, "")
         axis.text(-0.85, 2.8, "row, $y_K$", color=BLUE, ha="center", va="top")
         axis.plot(0, 0, "o", color=RED, markersize=5)
-        axis.text(0.12, -0.12, "(0, 0)\ncenter", color=RED, fontsize=8, va="top")
+        axis.text(0.12, -0.12, "(0, 0)\ncenter", color=RED, fontsize=9, va="top")
         axis.plot(-0.5, -0.5, "s", color=GREY, markersize=5)
-        axis.text(-0.62, -0.62, "(0, 0) where pixel_origin = corner", color=GREY, fontsize=8, va="bottom")
+        axis.text(-0.62, -0.62, "(0, 0) where pixel_origin = corner", color=GREY, fontsize=9, va="bottom")
         axis.set(xlim=(-2.0, 5.6), ylim=(5.0, -1.7))
-    axes[0].set_title("frame: one epoch, mid-exposure", fontsize=11)
+    axes[0].set_title("frame: one epoch, mid-exposure", fontsize=12)
     axes[0].plot(2.5, 2.5, "x", color=GREEN, markersize=10)
-    axes[0].text(2.65, 2.5, "principal point\n($z_K$ into the paper)", color=GREEN, va="center", fontsize=8)
-    axes[1].set_title("line scanner: row r at t0 + r * line_period", fontsize=11)
+    axes[0].text(2.65, 2.5, "principal point\n($z_K$ into the paper)", color=GREEN, va="center", fontsize=9)
+    axes[1].set_title("line scanner: row r at t0 + r * line_period", fontsize=12)
     axes[1].fill([-0.5, 4.5, 4.5, -0.5], [1.5, 1.5, 2.5, 2.5], color="#dfe8f5")
     axes[1].text(
         2.0,
@@ -195,9 +196,9 @@ def pixels() -> Figure:
         "one line of detectors,\nthe same look directions in every row",
         ha="center",
         va="center",
-        fontsize=8,
+        fontsize=9,
     )
-    axes[1].text(4.65, 0.0, "t0", va="center", fontsize=9)
+    axes[1].text(4.65, 0.0, "t0", va="center", fontsize=10)
     axes[1].text(4.65, 4.0, "t0 + 4 T", va="center", fontsize=9)
     return figure
 
