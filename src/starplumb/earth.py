@@ -20,7 +20,7 @@ _SEMI_AXES = WGS84_A * np.array([1.0, 1.0, 1.0 - WGS84_F])
 def geodetic_to_itrf(latitude: npt.ArrayLike, longitude: npt.ArrayLike, height: npt.ArrayLike) -> Float:
     """``r_J`` (..., 3) in m of geodetic latitude, longitude (rad) and height above the ellipsoid (m).
 
-    r = A^2 n / |A n| + h n with n the upward normal and A = diag(a, a, b).
+    ``r = A^2 n / |A n| + h n`` with n the upward normal and A = diag(a, a, b).
     """
     up = C_JT(latitude, longitude)[..., 2]
     foot = _SEMI_AXES**2 * up / np.linalg.norm(_SEMI_AXES * up, axis=-1, keepdims=True)
@@ -95,7 +95,7 @@ def intersect_ellipsoid(r_J: npt.ArrayLike, u_J: npt.ArrayLike, height: npt.Arra
 def _height(r_J: npt.ArrayLike, normal: Float) -> Float:
     """Geodetic height (...,) of points ``r_J`` (..., 3) from the ellipsoid's unit normal at their foot.
 
-    h = n . r - |A n|, the distance to the tangent plane. It is stationary in n, so that an error of
+    ``h = n . r - |A n|``, the distance to the tangent plane. It is stationary in n, so that an error of
     1e-8 rad of n (the normal of the ellipsoid a + h, b + h) costs a nanometre.
     """
     height: Float = np.vecdot(normal, r_J) - np.linalg.norm(_SEMI_AXES * normal, axis=-1)

@@ -20,21 +20,22 @@ class Observations:
 
     Per sighting:
 
-    =============== ============= ==================================================================================
-    image           (n,)          index of its image (its tracker error and position error are that image's)
-    landmark        (n,)          index of its landmark (its place error is that landmark's)
-    xy_K            (..., n, 2)   measured tangents (x/z, y/z) of the look direction
-    slope_K         (..., n, 2, 2) d xy_K / d (column, row) of the camera, rad per pixel
-    line_period_s   (n,)          duration of a row, s; zero for a frame camera
-    C_EJ, omega_E   (..., n, 3, 3), (..., n, 3)  measured attitude, and its rate: d C_EJ / dt = [omega_E] C_EJ, rad/s
-    r_J, v_J        (..., n, 3)   measured position, m, and velocity relative to the turning Earth, m/s
-    p_J             (..., n, 3)   surveyed marker, m
-    e_E             (..., n, 3)   apparent direction of the marker by the measured attitude, orbit and survey
-    row_rate_E      (..., n, 3)   d e_E / d row, from the motion during the scan
-    range_m         (..., n)      distance from camera to marker
-    sigma_px        (..., n)      standard deviation of column and of row, pixels
-    weight          (..., n)      1, or 0 for a marker that was not seen, so that every batch is rectangular
-    =============== ============= ==================================================================================
+    =============== =============== ================================================================================
+    image           (n,)            index of its image (its tracker error and position error are that image's)
+    landmark        (n,)            index of its landmark (its place error is that landmark's)
+    xy_K            (..., n, 2)     measured tangents (x/z, y/z) of the look direction
+    slope_K         (..., n, 2, 2)  d xy_K / d (column, row) of the camera, rad per pixel
+    line_period_s   (n,)            duration of a row, s; zero for a frame camera
+    C_EJ            (..., n, 3, 3)  measured attitude
+    omega_E         (..., n, 3)     its rate, rad/s: d C_EJ / dt = [omega_E] C_EJ
+    r_J, v_J        (..., n, 3)     measured position, m, and velocity relative to the turning Earth, m/s
+    p_J             (..., n, 3)     surveyed marker, m
+    e_E             (..., n, 3)     apparent direction of the marker by the measured attitude, orbit and survey
+    row_rate_E      (..., n, 3)     d e_E / d row, from the motion during the scan
+    range_m         (..., n)        distance from camera to marker
+    sigma_px        (..., n)        standard deviation of column and of row, pixels
+    weight          (..., n)        1, or 0 for a marker that was not seen, so that every batch is rectangular
+    =============== =============== ================================================================================
 
     Shared errors: ``cov_attitude_E`` (..., m, 3, 3) rad^2 about E's axes, ``cov_position_J`` (..., m, 3, 3) m^2,
     ``cov_landmark_J`` (..., L, 3, 3) m^2; ``common_px`` (..., n, 2, p), px, the residual by one sigma of each of p errors

@@ -25,7 +25,7 @@ def _angle_functions(v: Array) -> tuple[Array, Array, Array]:
 
 
 def exp(v: ArrayLike) -> Array:
-    """Rotation by |v| about v: ``I + sin(a)/a [v] + (1 - cos a)/a^2 [v]^2``.  (..., 3) rad -> (..., 3, 3)."""
+    """Rotation by its length a about v: ``I + sin(a)/a [v] + (1 - cos a)/a^2 [v]^2``.  (..., 3) rad -> (..., 3, 3)."""
     v = np.asarray(v, dtype=np.float64)
     _, s, c = _angle_functions(v)
     V = skew(v)
@@ -33,7 +33,7 @@ def exp(v: ArrayLike) -> Array:
 
 
 def log(C: ArrayLike) -> Array:
-    """Rotation vector of C, |v| <= pi: inverse of :func:`exp`.  (..., 3, 3) -> (..., 3) rad.
+    """Rotation vector of C, at most pi long: inverse of :func:`exp`.  (..., 3, 3) -> (..., 3) rad.
 
     Taken through the quaternion, so it is exact near the identity and near half a turn alike.
     """
