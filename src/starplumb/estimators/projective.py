@@ -13,7 +13,7 @@ from ..earth import C_JT, itrf_to_geodetic
 from ..errors import InputError
 from ..observations import Observations
 from .gls import SINGULAR_SIGMA
-from .linear import SOURCE_AXES, in_front, propagate
+from .linear import SOURCE_AXES, propagate
 from .protocol import AlignmentEstimate, Status
 
 Array = NDArray[np.float64]
@@ -82,7 +82,6 @@ class Projective:
         P = propagate(o, C_before, gain)
         known = solved & (np.trace(P, axis1=-2, axis2=-1) < SINGULAR_SIGMA**2)
         status = np.where(known, int(Status.OK), int(Status.SINGULAR))
-        status[known & ~in_front(o, C)] = int(Status.NOT_CONVERGED)
         r_J = np.full((*batch, o.n_images, 3), np.nan)
         for fit in fits:
             r_J[..., fit.image, :] = np.where(fit.solved[..., None], fit.r_J, np.nan)

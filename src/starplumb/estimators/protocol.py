@@ -35,7 +35,8 @@ class Status(IntEnum):
 _TEXTS = {
     Status.OK: "",
     Status.WEAK: "usable, but part of the alignment is poorly determined",
-    Status.SINGULAR: "the observations do not determine the alignment; wanted at least two markers well apart, or a prior",
+    Status.SINGULAR: "the observations do not determine the alignment; wanted at least two markers "
+    "well apart, or a prior (projective: four markers in one image, not on a line)",
     Status.NOT_CONVERGED: "the iterations did not converge; the observations contradict each other or the model",
 }
 
