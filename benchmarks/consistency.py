@@ -40,7 +40,9 @@ def case(label: str, scenario: Scenario, trials: int, workers: int) -> bool:
     error = float(found.nees.mean_error[0])
     # with many cases one in twenty lies outside a 95 % band, so a case fails only beyond the 99.9 % one
     band = chi2_band(3.0 * trials, 0.999)
-    holds = bool(np.all(efficiency <= 1.02) and np.all(np.abs(ratio - 1.0) <= 0.02) and band[0] <= nees <= band[1])
+    holds = bool(
+        np.all(efficiency <= 1.02) and np.all(np.abs(ratio - 1.0) <= 0.02) and band[0] <= nees <= band[1]
+    )
     row = "  ".join(" ".join(f"{value:.3f}" for value in values) for values in (ratio, efficiency))
     inside = "in " if low <= nees <= high else "out"
     print(
@@ -65,7 +67,9 @@ def main() -> None:
             continue
         holds &= case(f"{name}: all", scenario, options.trials, options.workers)
         for source in scenario.sources:
-            holds &= case(f"{name}: {source.name}", scenario.alone(source.name), options.trials, options.workers)
+            holds &= case(
+                f"{name}: {source.name}", scenario.alone(source.name), options.trials, options.workers
+            )
     print("every case holds" if holds else "SOME CASE FAILS")
 
 

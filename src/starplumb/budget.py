@@ -1,13 +1,14 @@
 """Error budget without sampling: which source contributes what, what that depends on, and what a target asks of each.
 
 An estimator that is linear in the errors answers a unit draw of a source s with the response ``R_s = gain E_s``; the
-covariance that it really has is ``sum_s R_s R_s^T`` over the true sources, whatever it states.  With sigma_j one sigma of
-one source and c_j the rms response to a unit of it::
+covariance that it really has is ``sum_s R_s R_s^T`` over the true sources, whatever it states.  With sigma_j one sigma
+of one source and c_j the rms response to a unit of it::
 
     sigma_theta^2 = sum_j (c_j sigma_j)^2,     d sigma_theta / d sigma_j = c_j^2 sigma_j / sigma_theta
 
-and c_j itself is the sensitivity where the source stands alone, as (28) of Lebedev and Tkachenko (2012) lists them.  For
-``gls`` told the truth the derivative holds although its gain depends on the sigmas: a gain that is optimal has none.
+and c_j itself is the sensitivity where the source stands alone, as (28) of Lebedev and Tkachenko (2012) lists them.
+For ``gls`` told the truth the derivative holds although its gain depends on the sigmas: an optimal gain adds nothing to
+first order.
 """
 
 from __future__ import annotations
@@ -40,8 +41,8 @@ PRECISION = 1e-4
 class Share:
     """One sigma of one source in the budget of one estimator.
 
-    ``covariance_E`` (3, 3) rad^2 its part; ``response_E`` (3,) rad per SI unit: error about E's axes by a unit of sigma,
-    alone; ``derivative_E`` (3,) the same as a derivative, beside all the others.
+    ``covariance_E`` (3, 3) rad^2 its part; ``response_E`` (3,) rad per SI unit: error about E's axes by a unit of
+    sigma, alone; ``derivative_E`` (3,) the same as a derivative, beside all the others.
     """
 
     source: Source
@@ -62,7 +63,7 @@ class Share:
 
 @dataclass(frozen=True)
 class Budget:
-    """Budget of one estimator: ``true_E`` (3, 3) rad^2 the covariance it has, ``stated_E`` the one it states, or None."""
+    """Budget of one estimator: ``true_E`` (3, 3) rad^2 the covariance it has, ``stated_E`` the one it states or None."""
 
     true_E: Array
     stated_E: Array | None

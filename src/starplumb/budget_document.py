@@ -26,7 +26,7 @@ AXES = ("x", "y", "z")
 
 
 def document(scenario: Scenario, methods: Mapping[str, Estimator], target: float | None) -> dict[str, Any]:
-    """Budgets of the methods, the first one with its directions; ``target`` rad asks what each source must shrink to."""
+    """Budgets of the methods as a document; with a ``target`` (rad) also what each source must shrink to."""
     found = {name: budget(scenario, estimator) for name, estimator in methods.items()}
     return {
         "schema": SCHEMA,

@@ -90,7 +90,7 @@ def fused_axes(trackers: tuple[Tracker, ...], fusion: str) -> list[Array]:
     ``mean``: W = I / n.  ``weighted``: ``W_j = (sum_k N_k)^-1 N_j`` with the information ``N = C_EA S^-2 C_EA^T``.
     Raises InputError where a weighted tracker claims to be exact.
     """
-    if fusion == "mean" or len(trackers) == 1:
+    if fusion == "mean" or len(trackers) <= 1:
         return [tracker.C_EA / len(trackers) for tracker in trackers]
     if any(np.any(tracker.sigma <= 0.0) for tracker in trackers):
         raise InputError(

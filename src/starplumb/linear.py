@@ -3,7 +3,7 @@
 Nothing here is shared with :mod:`starplumb.adjustment`: residuals are ``z = H theta + sum_s E_s xi_s`` with the effects
 E_s of the sources, their covariance ``V = sum_s E_s E_s^T`` is formed and factorised whole, and::
 
-    gain = (H^T V^-1 H + prior^-1)^-1 H^T V^-1,      covariance (H^T V^-1 H + prior^-1)^-1
+    gain = -(H^T V^-1 H + prior^-1)^-1 H^T V^-1,     covariance (H^T V^-1 H + prior^-1)^-1
 
 With the true sources the covariance is the Cramer-Rao bound of Gaussian errors, and for any other distribution that of
 the best linear estimate.
@@ -45,7 +45,7 @@ class Linear:
         if self.scenario.prior_E is not None:
             information = information + np.linalg.inv(self.scenario.prior_E)
         covariance = np.linalg.inv(information)
-        return covariance, covariance @ np.linalg.solve(L.T, y).T
+        return covariance, -covariance @ np.linalg.solve(L.T, y).T
 
     @property
     def covariance_E(self) -> Array:
@@ -54,7 +54,7 @@ class Linear:
 
     @property
     def gain(self) -> Array:
-        """(3, 2 n) rad per px: theta_E of the estimate is ``gain`` times the residuals at the truth."""
+        """(3, 2 n) rad per px: the error of the estimate is ``gain`` times the residuals at the truth."""
         return self._solution[1]
 
 

@@ -65,8 +65,8 @@ class Scenario:
         return replace(state(self.truth, sources, self.model), prior_E=self.prior_E)
 
     def alone(self, name: str, floor: float = 1e-3) -> Scenario:
-        """The scenario with one source only, truly and as stated; pixel noise stays at ``floor`` of itself, for no solution
-        does without."""
+        """The scenario with one source only, truly and as stated; pixel noise stays at ``floor`` of itself, for no
+        solution does without."""
 
         def kept(source: Source) -> Source:
             return source.scaled(1.0 if source.name == name else floor if source.field == "pixel" else 0.0)

@@ -159,6 +159,9 @@ def mark_site(campaign: Campaign, p_J: Array, sigmas: Sigmas) -> Campaign:
     """The campaign with landmarks p_J (L, 3) sighted in every image whose frame they fall into."""
     m, L = len(campaign.images.ids), len(p_J)
     image, landmark = np.repeat(np.arange(m), L), np.tile(np.arange(L), m)
+    if campaign.camera.scans:
+        near = in_footprint(campaign, image, p_J[landmark])
+        image, landmark = image[near], landmark[near]
     pixel = project(campaign, campaign.C_EK, image, p_J[landmark])
     columns, rows = campaign.camera.size_px
     inside = (
@@ -166,6 +169,37 @@ def mark_site(campaign: Campaign, p_J: Array, sigmas: Sigmas) -> Campaign:
     )
     landmarks = survey(p_J, sigmas.landmark)
     return _with_markers(campaign, landmarks, image[inside], landmark[inside], pixel[inside], sigmas)
+
+
+FOOTPRINT_MARGIN = 1.1
+"""Footprints are drawn this much larger, for markers that stand high; the pixels decide in the end."""
+
+
+def in_footprint(campaign: Campaign, image: Index, p_J: Array) -> NDArray[np.bool_]:
+    """Whether points p_J (n, 3) lie within the ground covered by images (n,), a quadrangle of their corners.
+
+    A line scanner's search for a row needs this first: far outside its strip there is no orbit or attitude to search.
+    """
+    columns, rows = campaign.camera.size_px
+    corners = ((0.0, 0.0), (columns - 1.0, 0.0), (columns - 1.0, rows - 1.0), (0.0, rows - 1.0))
+    ground = np.stack(
+        [
+            locate(campaign, campaign.C_EK, image, np.full(image.size, c), np.full(image.size, r))
+            for c, r in corners
+        ],
+        axis=-2,
+    )
+    centre = np.mean(ground, axis=-2)
+    latitude, longitude, _ = itrf_to_geodetic(centre)
+    C = C_JT(latitude, longitude)
+    corner = FOOTPRINT_MARGIN * ((ground - centre[:, None]) @ C)[..., :2]
+    east, north, _ = np.moveaxis(((p_J - centre)[:, None] @ C)[:, 0], -1, 0)
+    edge = np.roll(corner, -1, axis=-2) - corner
+    off = np.stack([east, north], axis=-1)[:, None] - corner
+    side = edge[..., 0] * off[..., 1] - edge[..., 1] * off[..., 0]
+    inside = np.all(side > 0.0, axis=-1) | np.all(side < 0.0, axis=-1)
+    reach = 2.0 * np.max(np.linalg.norm(corner, axis=-1), axis=-1)
+    return np.asarray(inside & (np.linalg.norm(p_J - centre, axis=-1) < reach))
 
 
 def _with_markers(
@@ -183,7 +217,7 @@ def measured(campaign: Campaign, errors: Errors, C_EK_model: Array) -> Campaign:
 
     An image's attitude and position error sits on all samples of its burst; each burst must hold one image.
     """
-    attitude, ephemeris, s = campaign.attitude, campaign.ephemeris, campaign.sightings
+    attitude, ephemeris, s = campaign.one_attitude, campaign.ephemeris, campaign.sightings
     first, _ = attitude.bursts.bounds
     owner = first[np.searchsorted(attitude.t_ns, campaign.images.t_ns, side="right") - 1]
     image = np.argmax(first[:, None] == owner, axis=1)

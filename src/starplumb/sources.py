@@ -158,7 +158,7 @@ def _slope(o: Observations, model: Linearised, field: Field) -> Array:
     """d z / d field of each sighting (n, 2, d), by the first order of the measurement equation."""
     match field:
         case "alpha_E":
-            return model.H
+            return -model.H
         case "rho_J":
             return model.R
         case "pi_J":
@@ -166,7 +166,7 @@ def _slope(o: Observations, model: Linearised, field: Field) -> Array:
         case "pixel":
             return np.broadcast_to(-np.eye(2), (o.n, 2, 2))
         case "late_s":
-            return model.H @ o.omega_E[..., None] + model.R @ o.v_J[..., None]
+            return model.R @ o.v_J[..., None] - model.H @ o.omega_E[..., None]
         case "tangent":
             return np.asarray(-np.linalg.inv(model.B))
 

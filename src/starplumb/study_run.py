@@ -7,6 +7,7 @@ import signal
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from importlib import import_module
+from itertools import islice
 from typing import TYPE_CHECKING, Any, Protocol
 
 from .errors import InputError
@@ -138,7 +139,7 @@ class Dask:
 
             queue = iter(chunks)
             window = max(AHEAD * len(client.nthreads()), AHEAD)
-            running = {submit(c): c for c, _ in zip(queue, range(window), strict=False)}
+            running = {submit(c): c for c in islice(queue, window)}
             finished = distributed.as_completed(running)
             for future in finished:
                 yield running.pop(future), future.result()

@@ -25,7 +25,9 @@ QUANTILES = (0.025, 0.16, 0.5, 0.84, 0.975)
 CHECKPOINTS = 60
 """Most points of the curve of sigma against the number of trials."""
 SURE = 0.999
-"""A figure outside the band of this probability is called wrong."""
+"""A figure outside the band of this probability may be called wrong..."""
+SURELY = 3.29
+"""...if it is off by as many of its own standard errors (99.9 % of a normal)."""
 
 
 @dataclass
@@ -185,7 +187,9 @@ def _consistency(
         return None
     bands = [chi2_band(degrees_of_freedom, level) for level in (0.95, SURE)]
     (low, high), sure = (tuple(np.sqrt(band)) if root else band for band in bands)
-    off = not (sure[0] <= value <= sure[1]) and abs(value - 1.0) > (TOLERANCE if root else 2.0 * TOLERANCE)
+    # beyond the band of Gaussian errors, beyond its own uncertainty (tails may be heavy), and large enough to matter
+    least = max(SURELY * error, TOLERANCE if root else 2.0 * TOLERANCE)
+    off = not (sure[0] <= value <= sure[1]) and abs(value - 1.0) > least
     return _interval(float(value), float(error)) | {
         "band_low": float(low),
         "band_high": float(high),

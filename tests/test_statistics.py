@@ -1,0 +1,71 @@
+"""Mergeable statistics against NumPy and SciPy on the whole sample."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from starplumb.statistics import Moments, Sketch, chi2_band, trials_for
+
+
+@pytest.mark.parametrize("cuts", [[1000], [1, 999], [10, 400, 77, 513], [0, 1000]])
+def test_merged_moments_are_those_of_the_whole_sample(rng, cuts):
+    x = rng.standard_gamma(2.0, (1000, 3)) * [1e-6, 1.0, 1e6] + [1.0, -3.0, 0.0]
+    merged = Moments.of(x[:0])
+    for part in np.split(x, np.cumsum(cuts)[:-1]):
+        merged = merged.merge(Moments.of(part))
+    assert int(merged.n) == 1000
+    np.testing.assert_allclose(merged.mean, x.mean(0), rtol=1e-12)
+    np.testing.assert_allclose(merged.sigma, x.std(0, ddof=1), rtol=1e-9)
+    np.testing.assert_allclose(merged.rms, np.sqrt(np.mean(x**2, 0)), rtol=1e-12)
+    np.testing.assert_allclose(merged.kurtosis[1:], stats.kurtosis(x, fisher=False)[1:], rtol=1e-9)
+    np.testing.assert_allclose(merged.largest, np.abs(x).max(0))
+
+
+def test_interval_of_sigma_covers_for_heavy_tails_too(rng):
+    """95 % of intervals hold the true sigma: of a Gaussian, and of a Student with kurtosis 4.5."""
+    for draw, sigma in (
+        (rng.standard_normal, 1.0),
+        (lambda size: rng.standard_t(8.0, size), np.sqrt(8.0 / 6.0)),
+    ):
+        parts = [Moments.of(draw((2000, 1))) for _ in range(600)]
+        hits = [abs(float(m.sigma[0]) - sigma) < 1.96 * float(m.sigma_error[0]) for m in parts]
+        assert 0.91 < np.mean(hits) < 0.98
+
+
+def test_standard_errors_are_the_scatter_of_repeated_samples(rng):
+    parts = [Moments.of(rng.standard_normal((500, 1)) + 0.7) for _ in range(800)]
+    for value, error in (("mean", "mean_error"), ("sigma", "sigma_error"), ("rms", "rms_error")):
+        scatter = np.std([getattr(m, value)[0] for m in parts])
+        assert np.mean([getattr(m, error)[0] for m in parts]) == pytest.approx(scatter, rel=0.1)
+
+
+def test_sketch_gives_the_quantiles_of_the_sample_to_its_stated_accuracy(rng):
+    x = rng.standard_normal(20000) * 3e-6
+    x[:50] = 0.0
+    merged = Sketch.of(x[:7000]).merge(Sketch.of(x[7000:]))
+    whole = Sketch.of(x)
+    assert np.array_equal(merged.key, whole.key)
+    assert np.array_equal(merged.count, whole.count)
+    for q in (0.001, 0.025, 0.3, 0.5, 0.84, 0.999):
+        wanted = np.quantile(x, q, method="inverted_cdf")
+        assert merged.quantile(q)[0] == pytest.approx(wanted, rel=5.1e-4, abs=1e-18)
+
+
+def test_quantile_interval_covers(rng):
+    """Distribution-free: the true 90 % point of an exponential lies within 95 % of the intervals."""
+    hits = []
+    for _ in range(500):
+        _, low, high = Sketch.of(rng.exponential(1.0, 1000)).quantile(0.9)
+        hits.append(low <= np.log(10.0) <= high)
+    assert 0.92 < np.mean(hits) < 0.98
+
+
+def test_chi_square_band_and_sample_size_rule():
+    low, high = chi2_band(300.0)
+    assert stats.chi2.cdf(300.0 * low, 300) == pytest.approx(0.025)
+    assert stats.chi2.sf(300.0 * high, 300) == pytest.approx(0.025)
+    assert trials_for(0.01) == 45000  # the figure of Lebedev and Tkachenko (2012)
+    assert trials_for(0.1) == 450
+    assert trials_for(0.01, kurtosis=8.0) == 157500
