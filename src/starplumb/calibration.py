@@ -109,7 +109,7 @@ def _separated(
 ) -> tuple[Status, tuple[str, ...]]:
     """Status and sentences once it is known which parameters trade against each other."""
     if ruins_alignment(list(traded)):
-        status = Status.SINGULAR
+        status = Status(max(status, Status.SINGULAR))
     elif any(combination.growth >= UNKNOWN for combination in traded):
         status = Status(max(status, Status.WEAK))
     return status, (*(combination.sentence for combination in traded), *sentences)

@@ -23,11 +23,11 @@ from . import so3
 from .campaign import Campaign, Detections, Sightings
 from .estimators.consensus import GATE, Directions, pair_rotation
 from .estimators.protocol import Status
-from .estimators.robust import Robust, excess
+from .estimators.robust import Robust
 from .estimators.selfcal import SelfCalibration, State
 from .geometry import observe, stations
 from .observations import Observations
-from .reliability import reliability
+from .reliability import excess, reliability
 from .units import ARCSEC, DEG
 
 Array = NDArray[np.float64]
@@ -257,7 +257,7 @@ def _assign(campaign: Campaign, c: _Candidates, C: Array) -> Labels:
         tested = reliability(problem.observations, problem.model, problem.A, problem.prior)
         if tested is None:
             return Labels(*_nothing(c), campaign.C_EK, "the labels found do not determine the alignment")
-        T = excess(tested, 1e-3, 1e-4)[0]
+        T = excess(tested, used, 1e-3, 1e-4)[0]
         fits = T <= 1.0
         again = _only(c.detection[rows], table, T <= 2.0) & fits
         C = estimate.C_EK

@@ -32,6 +32,8 @@ CONTROLLED = 0.05
 """Share of an error of an image or landmark that must show for its direction to be tested at all."""
 UNTESTABLE = 1e-6
 """Redundancy below which a sighting is not controlled by the others: its residual is zero whatever its error."""
+NOISE = 13.8
+"""Chi-square with 2 degrees of freedom that noise exceeds once in a thousand."""
 CHUNK = 1 << 20
 """Doubles that a chunk of reduced design rows may hold."""
 
@@ -177,3 +179,40 @@ def _sightings(
         hat[part] = reduced @ spread + G @ n.inverse[image] @ G.mT
         effect[part] = -spread[:, :k, :]
     return v, hat, effect
+
+
+def excess(
+    tested: Reliability, seen: Mask, alpha: float, alpha_group: float
+) -> tuple[Array, tuple[Array, Array]]:
+    """Statistics over their critical values: of sightings (n,), and of images (m,) and repeated landmarks (q,).
+
+    The critical values grow with :func:`variance_factor`, as Pope's tau has it.
+    """
+    from scipy.special import chdtri
+
+    factor = variance_factor(tested.sightings[0][seen])
+
+    def over(statistic: tuple[Array, Array], level: float) -> Array:
+        T, dof = statistic
+        return np.asarray(np.where(dof > 0, T / (factor * chdtri(np.maximum(dof, 1), level)), 0.0))
+
+    groups = over(tested.images, alpha_group), over(tested.landmarks, alpha_group)
+    return over(tested.sightings, alpha), groups
+
+
+def variance_factor(T: Array) -> float:
+    """How many times larger than stated the noise of sightings is by the median of their T, 1 unless it surely is.
+
+    The median of chi-square with 2 degrees of freedom is ``2 ln 2``, that of n values is good to ``2 / sqrt(n)``; those
+    that noise would hardly reach are left out, so that a majority of blunders is not taken for it.  Sigmas stated too
+    small must not turn good sightings into blunders; the estimate's own chi-square tells of them.
+    """
+    factor = 1.0
+    for _ in range(20):
+        noise = T[NOISE * factor > T]
+        if noise.size == 0:
+            return 1.0
+        before, factor = factor, max(1.0, float(np.median(noise)) / (2.0 * np.log(2.0)))
+        if abs(factor - before) < 1e-3 * before:
+            break
+    return factor if factor > 1.0 + 3.0 / (np.log(2.0) * np.sqrt(noise.size)) else 1.0

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..model import Linearised
 from ..observations import Observations
 from .protocol import Status
 from .wahba import Wahba
@@ -187,3 +188,30 @@ def _frame(a: Array, b: Array) -> Array:
     x, y = a + b, b - a
     x, y = (v / np.linalg.norm(v, axis=-1, keepdims=True) for v in (x, y))
     return np.stack([x, y, np.cross(x, y)], axis=-1)
+
+
+def clusters(o: Observations, model: Linearised, J: Array, agree: Mask, spread: Array) -> Mask:
+    """Of the sightings that agree (n,), those in the largest cluster of residuals of their image.
+
+    Two residuals belong together when ``d^T (V_a + V_b + (J_a - J_b) S (J_a - J_b)^T)^-1 d < 16`` with d their
+    difference, V what a sighting does not share, J (n, 2, 3 + p) the design and S (3 + p, 3 + p) what is not known of
+    the state.
+    """
+    V = _own_covariance(o, model)
+    kept = np.zeros(o.n, dtype=bool)
+    for i in np.unique(o.image[agree]):
+        rows = np.flatnonzero(agree & (o.image == i))
+        anchors = rows if rows.size <= 200 else rows[:: rows.size // 200 + 1]
+        d = model.z_px[anchors, None] - model.z_px[None, rows]
+        bend = J[anchors, None] - J[None, rows]
+        between = V[anchors, None] + V[None, rows] + bend @ spread @ bend.mT
+        distance = np.sum(d * np.linalg.solve(between, d[..., None])[..., 0], axis=-1)
+        support = np.sum(np.maximum(0.0, 1.0 - distance / 16.0), axis=-1)
+        kept[rows[distance[int(np.argmax(support))] < 16.0]] = True
+    return kept
+
+
+def _own_covariance(o: Observations, model: Linearised) -> Array:
+    """Covariance (n, 2, 2) px^2 of pixel noise and landmark."""
+    place = model.R @ o.cov_landmark_J[o.landmark] @ model.R.mT
+    return np.asarray(place + (o.sigma_px**2)[:, None, None] * np.eye(2))

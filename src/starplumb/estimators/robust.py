@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..model import Linearised
 from ..observations import Observations
-from ..reliability import Reliability, reliability
-from .consensus import Consensus, Directions, consensus
+from ..reliability import NOISE, Reliability, excess, reliability
+from .consensus import Consensus, Directions, clusters, consensus
 from .protocol import AlignmentEstimate, Status, Verdict
 from .selfcal import Problem, SelfCalibration, State
 
@@ -34,9 +33,9 @@ class Robust:
        stated errors, shared ones included.  Finds the mounting whatever the initial error.
     2. In each image the largest cluster of residuals that differ by no more than what its sightings do not share: the
        attitude error of an image moves all of its residuals alike and is many pixels, the difference of two is not.
-    3. An image left out whose own sightings agree with one another is a wrong image: attitude or epoch.
-    4. Data snooping (:mod:`starplumb.reliability`): the worst sighting of each image, the worst image or the worst
+    3. Data snooping (:mod:`starplumb.reliability`): the worst sighting of each image, the worst image or the worst
        landmark leaves while its statistic exceeds the critical value, and whatever fits comes back.
+    4. An image, or a landmark, that is out though its own sightings agree with one another is wrong as a whole.
 
     A good sighting is rejected with probability ``alpha`` (1e-3 is Baarda's choice), a good image or landmark with
     ``alpha_group``; on clean data that costs 0.2 % of the information.  Where hardly more sightings agree than would by
@@ -113,13 +112,15 @@ class _Search:
         used, problem = found.agree, self.problem(State(found.C_EK, np.zeros(p)), found.agree)
         for _ in range(2):
             spread = self._uncertainty(found)
-            used = clusters(problem, found.agree, spread)
+            J = problem.A[..., : spread.shape[0]]
+            used = clusters(problem.observations, problem.model, J, found.agree, spread)
             state, problem = self.fit(state, used)
             found = self._nearer(found, state, problem)
+        used = self._widened(problem, used, found.agree)
         verdict = np.where(used | ~self.seen, int(Verdict.USED), int(Verdict.SIGHTING))
-        for i in self._wrong_images(used):
-            verdict[self.seen & (self.o.image == i)] = int(Verdict.IMAGE)
         state, verdict = self._snoop(state, verdict)
+        for i in self._wrong_images(self.seen & (verdict == int(Verdict.USED))):
+            verdict[self.seen & (self.o.image == i)] = int(Verdict.IMAGE)
         for place in self._wrong_landmarks(state, verdict):
             verdict[(self.o.landmark == place) & (verdict != int(Verdict.IMAGE))] = int(Verdict.LANDMARK)
         return self._finish(state, verdict)
@@ -143,12 +144,25 @@ class _Search:
         near = misfit < 4.0 * np.hypot(d.own, np.sqrt(2.0) * d.shared)
         return Consensus(state.C_EK, near & self.seen, True)
 
+    def _widened(self, problem: Problem, used: Mask, agree: Mask) -> Mask:
+        """Sightings to start snooping from: more than those of the clusters where the noise is larger than stated.
+
+        The 30 % quantile of T (0.713 for chi-square with 2 degrees of freedom) among those that agree says how much
+        larger, be up to 60 % of them wrong; of two sets that each hold together, snooping then ends with the larger.
+        """
+        tested = reliability(problem.observations, problem.model, problem.A, problem.prior)
+        if tested is None or not np.any(agree):
+            return used
+        T = tested.sightings[0]
+        factor = max(1.0, float(np.quantile(T[agree], 0.3)) / 0.713)
+        return np.asarray(used | (agree & (NOISE * factor > T)))
+
     def _wrong_images(self, used: Mask) -> list[int]:
         """Images of which hardly a sighting is used though most of them agree on an attitude of their own."""
         wrong = []
         for i in np.unique(self.o.image[self.seen & ~used]):
             mine = self.seen & (self.o.image == i)
-            if np.sum(mine) < LEAST or np.sum(used & mine) > 0.25 * np.sum(mine):
+            if np.sum(mine) < LEAST or np.sum(used & mine) > 0.1 * np.sum(mine):
                 continue
             rows = self.o.select(mine)
             own = consensus(rows, np.random.default_rng(self.options.seed), self._bend(rows), alone=True)
@@ -172,7 +186,7 @@ class _Search:
             tested = reliability(moved, problem.model, problem.A, problem.prior)
             if tested is None:
                 continue
-            fits = excess(tested, self.options.alpha, self.options.alpha_group)[0][mine] <= 1.0
+            fits = excess(tested, self.seen, self.options.alpha, self.options.alpha_group)[0][mine] <= 1.0
             if np.mean(fits) >= 0.75:
                 wrong.append(int(place))
         return wrong
@@ -201,7 +215,7 @@ class _Search:
         self, tested: Reliability, verdict: NDArray[np.int64], dropped: NDArray[np.int64]
     ) -> NDArray[np.int64] | None:
         """The verdicts after one pass, None where none changes; ``dropped`` counts how often each went."""
-        T, critical = excess(tested, self.options.alpha, self.options.alpha_group)
+        T, critical = excess(tested, self.seen, self.options.alpha, self.options.alpha_group)
         verdict = verdict.copy()
         free = self.seen & np.isin(verdict, (int(Verdict.USED), int(Verdict.SIGHTING)))
         used = self.seen & (verdict == int(Verdict.USED))
@@ -236,45 +250,6 @@ def _largest_of(T: Array, used: Mask, group: NDArray[np.int64]) -> Array:
     largest = np.zeros(group.max(initial=0) + 1)
     np.maximum.at(largest, group[used], T[used])
     return np.asarray(largest[group])
-
-
-def excess(tested: Reliability, alpha: float, alpha_group: float) -> tuple[Array, tuple[Array, Array]]:
-    """Statistics over their critical values: of sightings (n,), and of images (m,) and repeated landmarks (q,)."""
-    from scipy.special import chdtri
-
-    def over(statistic: tuple[Array, Array], level: float) -> Array:
-        T, dof = statistic
-        return np.asarray(np.where(dof > 0, T / chdtri(np.maximum(dof, 1), level), 0.0))
-
-    groups = over(tested.images, alpha_group), over(tested.landmarks, alpha_group)
-    return over(tested.sightings, alpha), groups
-
-
-def clusters(problem: Problem, agree: Mask, spread: Array) -> Mask:
-    """Of the sightings that agree (n,), those in the largest cluster of residuals of their image.
-
-    Two residuals belong together when ``d^T (V_a + V_b + (J_a - J_b) S (J_a - J_b)^T)^-1 d < 16`` with d their
-    difference, V what a sighting does not share, J the design and S (3 + p, 3 + p) what is not known of the state.
-    """
-    o, model = problem.observations, problem.model
-    V, J = _own_covariance(o, model), problem.A[..., : spread.shape[0]]
-    kept = np.zeros(o.n, dtype=bool)
-    for i in np.unique(o.image[agree]):
-        rows = np.flatnonzero(agree & (o.image == i))
-        anchors = rows if rows.size <= 200 else rows[:: rows.size // 200 + 1]
-        d = model.z_px[anchors, None] - model.z_px[None, rows]
-        bend = J[anchors, None] - J[None, rows]
-        between = V[anchors, None] + V[None, rows] + bend @ spread @ bend.mT
-        distance = np.sum(d * np.linalg.solve(between, d[..., None])[..., 0], axis=-1)
-        support = np.sum(np.maximum(0.0, 1.0 - distance / 16.0), axis=-1)
-        kept[rows[distance[int(np.argmax(support))] < 16.0]] = True
-    return kept
-
-
-def _own_covariance(o: Observations, model: Linearised) -> Array:
-    """Covariance (n, 2, 2) px^2 of pixel noise and landmark."""
-    place = model.R @ o.cov_landmark_J[o.landmark] @ model.R.mT
-    return np.asarray(place + (o.sigma_px**2)[:, None, None] * np.eye(2))
 
 
 def stack(runs: list[AlignmentEstimate], batch: tuple[int, ...]) -> AlignmentEstimate:
