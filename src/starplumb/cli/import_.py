@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from .output import Json, Output, Quiet
+from .output import Json, Output, Quiet, Verbose
 
 if TYPE_CHECKING:
     from ..io.digitalglobe_geo import Optics
@@ -28,33 +28,48 @@ _SIGMA = "one number, or three with commas between"
 def import_(
     product: Annotated[
         Path,
-        typer.Argument(help="DIMAP or DigitalGlobe metadata (.XML, .IMD, .ATT, .EPH), or the folder that holds it."),
+        typer.Argument(
+            help="DIMAP or DigitalGlobe metadata (.XML, .IMD, .ATT, .EPH), or the folder that holds it."
+        ),
     ],
     folder: Annotated[Path, typer.Argument(help="Campaign folder to write.", metavar="DIR")],
     attitude: Annotated[
-        Source, typer.Option("--attitude", help="The vendor's own, or the star tracker's quaternions (DIMAP).")
+        Source,
+        typer.Option("--attitude", help="The vendor's own, or the star tracker's quaternions (DIMAP)."),
     ] = Source.VENDOR,
-    sigma_m: Annotated[str | None, typer.Option("--sigma-m", help=f"Sigma of the position: {_SIGMA}.")] = None,
+    sigma_m: Annotated[
+        str | None, typer.Option("--sigma-m", help=f"Sigma of the position: {_SIGMA}.")
+    ] = None,
     sigma_arcsec: Annotated[
         str | None, typer.Option("--sigma-arcsec", help=f"Sigma of the attitude about x, y, z: {_SIGMA}.")
     ] = None,
-    landmarks: Annotated[Path | None, typer.Option(help="Your landmarks table; needs --observations.")] = None,
-    observations: Annotated[Path | None, typer.Option(help="Your observations table; needs --landmarks.")] = None,
+    landmarks: Annotated[
+        Path | None, typer.Option(help="Your landmarks table; needs --observations.")
+    ] = None,
+    observations: Annotated[
+        Path | None, typer.Option(help="Your observations table; needs --landmarks.")
+    ] = None,
     corners: Annotated[
         str | None,
-        typer.Option("--corners", help="Take the product's corners as landmarks: SIGMA_M,SIGMA_PX.", metavar="M,PX"),
+        typer.Option(
+            "--corners", help="Take the product's corners as landmarks: SIGMA_M,SIGMA_PX.", metavar="M,PX"
+        ),
     ] = None,
     band: Annotated[str | None, typer.Option("--band", help="Band, where the product has several.")] = None,
-    image_id: Annotated[str | None, typer.Option("--image-id", help="Name of the image [default: the product's].")] = None,
+    image_id: Annotated[
+        str | None, typer.Option("--image-id", help="Name of the image [default: the product's].")
+    ] = None,
     principal_distance_mm: Annotated[
         float | None, typer.Option(help="DigitalGlobe without .GEO: principal distance.")
     ] = None,
     detector_pitch_mm: Annotated[float | None, typer.Option(help="The same: pitch of the detectors.")] = None,
     detector_origin_mm: Annotated[
-        str | None, typer.Option(help="The same: x,y of the first detector in the camera's axes.", metavar="X,Y")
+        str | None,
+        typer.Option(help="The same: x,y of the first detector in the camera's axes.", metavar="X,Y"),
     ] = None,
     json: Json = False,
     quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> None:
     """Turn a vendor's product into a campaign: orbit, attitude, camera and time in declared units and frames.
 
@@ -62,14 +77,18 @@ def import_(
 
     Examples:
 
-      starplumb import DIM_PHR1B.XML pleiades --attitude raw --sigma-m 1 --sigma-arcsec 2,2,5
+      \b
+      starplumb import DIM_PHR1B.XML pleiades --attitude raw \\
+        --sigma-m 1 --sigma-arcsec 2,2,5
 
-      starplumb import product.IMD quickbird --corners 0.5,0.3 --principal-distance-mm 8836.202
-      --detector-pitch-mm 0.01191396 --detector-origin-mm 9.54684,164.02773
+      \b
+      starplumb import product.IMD quickbird --corners 0.5,0.3 \\
+        --principal-distance-mm 8836.202 --detector-pitch-mm 0.01191396 \\
+        --detector-origin-mm 9.54684,164.02773
     """
     from ..io.product import import_product
 
-    speak = Output(json, quiet)
+    speak = Output(json, quiet, verbose)
     notices = import_product(
         product,
         folder,
@@ -86,6 +105,7 @@ def import_(
     path = folder / "campaign.toml"
     speak.notices(notices)
     speak.document({"campaign": str(path), "notices": notices})
+    speak.detail(*(f"wrote {file}" for file in sorted(folder.iterdir())))
     speak.show(f"wrote {path}", f"next: starplumb calibrate {path}")
 
 

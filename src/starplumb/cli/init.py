@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from .output import Json, Output, Quiet
+from .output import Json, Output, Quiet, Verbose
 
 
 class Kind(StrEnum):
@@ -25,6 +25,7 @@ def init(
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the simulated errors.")] = 1,
     json: Json = False,
     quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> None:
     """Write a ready campaign of simulated data whose true alignment is known.
 
@@ -40,11 +41,12 @@ def init(
         raise InputError(f"{folder}: found something there already, wanted a new or empty folder")
     campaign, C_EK_true = demo(camera.value, images, seed)
     write_campaign(folder, campaign, C_EK_true=C_EK_true)
-    speak = Output(json, quiet)
+    speak = Output(json, quiet, verbose)
     path = folder / "campaign.toml"
     speak.document(
         {"campaign": str(path), "images": images, "observations": int(campaign.sightings.image.size)}
     )
+    speak.detail(*(f"wrote {file}" for file in sorted(folder.iterdir())))
     speak.show(
         f"wrote {path}: {images} images of {len(campaign.landmarks.ids)} markers, the true mounting known",
         f"next: starplumb calibrate {path}",

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from .output import Json, Output, Quiet
+from .output import Json, Output, Quiet, Verbose
 
 if TYPE_CHECKING:
     from ..io.campaign import LoadedCampaign
@@ -20,7 +20,7 @@ def locate(
     column: Annotated[
         float, typer.Argument(metavar="COLUMN", help="Column, in the campaign's pixel origin.")
     ],
-    row: Annotated[float, typer.Argument(metavar="ROW")],
+    row: Annotated[float, typer.Argument(metavar="ROW", help="Row, in the same.")],
     image: Annotated[str, typer.Option("--image", "-i", help="The image's id.")],
     result: Annotated[
         Path | None,
@@ -33,12 +33,15 @@ def locate(
     ] = 0.0,
     json: Json = False,
     quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> None:
     """Ground position of a pixel with its covariance.
 
     Example:
 
-      starplumb locate demo/campaign.toml --result demo/result/result.json --image image01 6000 6000
+      \b
+      starplumb locate demo/campaign.toml --image image01 6000 6000 \\
+        --result demo/result/result.json
     """
     import numpy as np
 
@@ -49,7 +52,7 @@ def locate(
 
     if not np.isfinite(height_m):
         raise InputError(f"--height-m: found {height_m}, wanted a finite number")
-    speak = Output(json, quiet)
+    speak = Output(json, quiet, verbose)
     loaded = load_campaign(campaign, with_detections=True)
     ids = loaded.campaign.images.ids
     if image not in ids:
@@ -77,6 +80,7 @@ def locate(
     speak.notices(loaded.notices)
     speak.document(document)
     speak.show(*_lines(document))
+    speak.detail(*_details(document))
 
 
 def _require_inside(loaded: LoadedCampaign, column: float, row: float) -> None:
@@ -127,3 +131,10 @@ def _lines(d: dict[str, Any]) -> list[str]:
         f"height {d['height_m']:.2f} m above the ellipsoid",
         f"sigma {east:.2f} m east, {north:.2f} m north, {up:.2f} m up (mounting: {d['mounting']})",
     ]
+
+
+def _details(d: dict[str, Any]) -> list[str]:
+    """Numbers for whoever goes on computing."""
+    x, y, z = d["itrf_m"]
+    covariance = "; ".join(" ".join(f"{v:.4f}" for v in row) for row in d["covariance_east_north_up_m2"])
+    return [f"ITRF {x:.3f} {y:.3f} {z:.3f} m", f"covariance east, north, up, m^2: {covariance}"]

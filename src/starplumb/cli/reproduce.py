@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from .output import Json, Output, Quiet
+from .output import Json, Output, Quiet, Verbose
 
 if TYPE_CHECKING:
     from ..published.comparison import Comparison, Row
@@ -29,18 +29,26 @@ def reproduce(
     out: Annotated[Path | None, typer.Option(help="Folder for reproduce.json.")] = None,
     json: Json = False,
     quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> None:
     """Recompute the published tables beside the published figures, with a verdict for each row.
 
     Each cell shows our figure with its sampling error and, in brackets, the published one.  Rows without a published
     figure are what the documents could not have: gls on the same draws, and the Cramer-Rao bound.
+
+    Examples:
+
+      starplumb reproduce table1 --trials 2000
+
+      starplumb reproduce --out reproduced
     """
     from ..io.write import json_text, write_text
     from ..published.reproduce import TABLES, document, verdicts
     from ..published.reproduce import reproduce as recompute
 
-    output = Output(json=json, quiet=quiet)
+    output = Output(json, quiet, verbose)
     wanted = names or list(TABLES)
+    output.detail(f"{trials} runs of each table, seed {seed}")
     tables = []
     for table in _watched(recompute(wanted, trials, seed), len(wanted), quiet):
         tables.append(table)
