@@ -158,6 +158,15 @@ def test_refraction_against_figures_and_a_ray_trace(height, off_nadir, low, high
     assert low * 0.97 < found < high * 1.03
 
 
+def test_a_refracted_marker_is_seen_farther_from_the_nadir():
+    r, v, p, distance = overhead(600e3, roll=30 * DEG)
+    straight, _ = apparent_direction(p, r, v, NONE)
+    bent, _ = apparent_direction(p, r, v, Corrections(light_time=False, aberration=False, refraction=True))
+    nadir = -r / np.linalg.norm(r)
+    # 2.11 m along the ground, seen at 34 deg from the zenith from 704 km: 0.52 arcsec
+    assert (angle(bent, nadir) - angle(straight, nadir)) / ARCSEC == pytest.approx(0.52, abs=0.02)
+
+
 def test_refraction_vanishes_at_the_nadir_and_with_height():
     up = np.array([1.0, 0.0, 0.0])
     p = geodetic_to_itrf(0.0, 0.0, 0.0)

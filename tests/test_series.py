@@ -286,6 +286,16 @@ def test_rate_by_differences(frame):
     np.testing.assert_allclose(so3.log(after @ before.mT) / (2 * h), omega, atol=2e-6)
 
 
+def test_rate_of_a_coning_motion_by_differences():
+    """The axis turns with the body by tens of degrees between samples: tangent and rate are not parallel."""
+    samples = np.arange(0, 10.01, 1.0)
+    cone = 0.5 * np.stack([np.cos(samples), np.sin(samples), 0.3 * samples], axis=-1)
+    series = Attitude(ns(samples), Rotation.from_rotvec(cone).as_quat(), "ITRF")
+    at, h = np.array([2.1, 3.33, 7.6]), 1e-3
+    (before, _), (_, omega), (after, _) = (series.at(ns(at + d)) for d in (-h, 0.0, h))
+    np.testing.assert_allclose(so3.log(after @ before.mT) / (2 * h), omega, atol=1e-6)
+
+
 def test_an_inertial_attitude_is_brought_to_the_earth_by_its_orientation():
     """E along the inertial axes, an Earth turned by the angle a: E from J is the turn by +a about z."""
     series = Attitude(ns([0.0, 1.0]), np.array([[0, 0, 0, 1.0]] * 2), "GCRF", UniformEarth())
