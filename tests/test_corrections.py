@@ -159,7 +159,7 @@ def test_refraction_against_figures_and_a_ray_trace(height, off_nadir, low, high
 
 
 def test_a_refracted_marker_is_seen_farther_from_the_nadir():
-    r, v, p, distance = overhead(600e3, roll=30 * DEG)
+    r, v, p, _ = overhead(600e3, roll=30 * DEG)
     straight, _ = apparent_direction(p, r, v, NONE)
     bent, _ = apparent_direction(p, r, v, Corrections(light_time=False, aberration=False, refraction=True))
     nadir = -r / np.linalg.norm(r)
