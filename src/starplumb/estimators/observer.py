@@ -125,12 +125,21 @@ class Observer:
         if sorted(self.order) != [0, 1, 2]:
             raise InputError(f"observer: found order = {self.order}, wanted the axes 0, 1, 2 each once")
 
+    @property
+    def parameters(self) -> Parameters:
+        """What the formulas of ``observer_rows`` take."""
+        v1, v2, v3 = (float(root) for root in np.sqrt(self.w))
+        return self.alpha, self.beta, v1, v2, v3
+
     def __call__(self, observations: Observations, C_EK: Array) -> ObserverEstimate:
         rows, batch = self._rows(observations, C_EK)
+        flat = rows.reshape(len(rows), -1)
         trace = np.empty((1 + self.cycles, 4, *batch))
-        parameters: Parameters = (self.alpha, self.beta, *self.w)
+        steps = trace.reshape(1 + self.cycles, 4, -1)
         run = runner(self.factorised, self.compiled)
-        run(rows.reshape(len(rows), -1), self.cycles, parameters, trace.reshape(1 + self.cycles, 4, -1))
+        # the very first equation is a run of one cycle over one sighting
+        run(flat[: STATE_ROWS + SIGHTING_ROWS], 1, self.parameters, steps[:1])
+        run(flat, self.cycles, self.parameters, steps[1:])
         C = so3.from_quaternion(np.moveaxis(trace[-1], 0, -1))
         status = self._status(rows, trace)
         model = np.broadcast_to(C_EK, C.shape)
@@ -160,7 +169,7 @@ class Observer:
             0: o.e_K * seen,
             3: o.e_E * seen,
             6: axes_E,
-            15: np.where(seen, self.floor, max(self.floor, 1.0)),
+            15: np.sqrt(np.where(seen, self.floor, max(self.floor, 1.0))),
         }
         for first, part in parts.items():
             width = part.shape[-1]

@@ -79,9 +79,7 @@ def sensitivity(trials: int, rng: np.random.Generator) -> Comparison:
         for name, estimator in methods.items():
             ours = deviation(error_E(estimator, measure(table, C_EK_TRUE, single), C_EK_TRUE) / unit)
             allowance = setting["tolerance"] * ours.value + printed
-            judged = judge(
-                f"{row['input']} ({row['unit']})", COLUMNS, figures, ours, allowance, setting["why"]
-            )
+            judged = judge(f"{row['input']} ({row['unit']})", COLUMNS, figures, ours, allowance)
             rows[name].append(Row(f"gls, {row['input']}", ours) if name else judged)
     return Comparison(
         name="sensitivity",

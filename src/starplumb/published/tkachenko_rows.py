@@ -1,72 +1,78 @@
-"""The scene of Tkachenko 2019 on component rows: from unit normal draws to what camera, trackers and GPS would report.
+"""The scene of Tkachenko 2019 on component rows: from unit normal draws to measurements, and to the observer's errors.
 
-Written like :mod:`starplumb.estimators.observer_rows`, whose rotations it uses and whose work rows it fills: ``at`` is
-a slice over the runs in NumPy and the index of one run in compiled code.
-
-Draws (rows of ``Z``): initial error 3, relative focal error 1, then per image: aim 2, attitude 3, position 3, and per
-marker of it column and row 2.
+Written like :mod:`starplumb.estimators.observer_rows`, whose work rows it fills.  Draws (rows of ``Z``): initial error
+3, relative focal error 1, then per image: aim 2, attitude 3, position 3, and per marker of it column and row 2.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..estimators.observer_rows import (
     SIGHTING_ROWS,
     STATE_ROWS,
+    Parameters,
+    growth,
+    one_cycle,
+    updates,
+    vector_equation,
+)
+from ..estimators.rows import (
+    Array,
     Quaternion,
     Row,
     Triple,
-    dot,
+    axes,
+    block_width,
+    conjugate,
+    lanes,
     multiply,
+    put_back,
+    root,
     rotate,
+    rows_at,
+    specialise,
     turn,
+    unit,
 )
-
-Array = NDArray[np.float64]
 
 RUN_DRAWS = 4
 IMAGE_DRAWS = 8
 MARKER_DRAWS = 2
+TRUTH_ROWS = 16
+"""Rows of K, what is true of a run and of its present image."""
 
 
-def unit(v: Triple) -> Triple:
-    scale = 1.0 / np.sqrt(dot(v, v))
-    return scale * v[0], scale * v[1], scale * v[2]
+def begin(D: Array, K: Array, at: Any, q_model: Array, sigma: Array) -> None:
+    """Rows 0 .. 4 of K: true mounting ``exp(-theta_E) C_EK_model``, and true over model focal length."""
+    minus_theta_E = (-sigma[0] * D[0, at], -sigma[0] * D[1, at], -sigma[0] * D[2, at])
+    q_EK = multiply(turn(minus_theta_E), (q_model[0], q_model[1], q_model[2], q_model[3]))
+    K[0, at], K[1, at], K[2, at], K[3, at] = q_EK
+    K[4, at] = 1.0 / (1.0 + sigma[1] * D[3, at])
 
 
-def axes(q: Quaternion) -> tuple[Row, ...]:
-    """Columns of C, one after the other, for its unit quaternion."""
-    x, y, z = q[0] + q[0], q[1] + q[1], q[2] + q[2]
-    xx, yy, zz = x * q[0], y * q[1], z * q[2]
-    xy, xz, yz = x * q[1], x * q[2], y * q[2]
-    wx, wy, wz = x * q[3], y * q[3], z * q[3]
-    return 1.0 - yy - zz, xy + wz, xz - wy, xy - wz, 1.0 - xx - zz, yz + wx, xz + wy, yz - wx, 1.0 - xx - yy
+def station(D: Array, K: Array, at: Any, image: Array, L: Array, sigma: Array) -> None:
+    """Rows 5 .. 15 of K: true C_KJ, aimed amiss; measured ``C_EJ = exp(alpha_E) C_EK C_KJ``; error of position.
 
-
-def station(
-    Z: Array, at: Any, first: int, image: Array, L: Array, q_EK: Quaternion, aim: float
-) -> tuple[Quaternion, Quaternion]:
-    """True C_KJ of an image that was aimed amiss, and measured ``C_EJ = exp(alpha_E) C_EK C_KJ``.
-
-    ``image``: r_J (3), quaternion of the wanted C_KJ (4), range (1); L (3, 3) root of the fused trackers' covariance;
-    ``q_EK`` the true mounting; ``aim`` the sigma on the ground, m.
+    ``image``: r_J (3), quaternion of the wanted C_KJ (4), range (1); L (3, 3) root of the trackers' covariance.
     """
-    tilt = aim / image[7]
-    shift = tilt * Z[first, at]
-    q_KJ = multiply(
-        turn((shift, tilt * Z[first + 1, at], 0.0 * shift)), (image[3], image[4], image[5], image[6])
-    )
-    u = (Z[first + 2, at], Z[first + 3, at], Z[first + 4, at])
+    tilt = sigma[2] / image[7]
+    x = tilt * D[0, at]
+    q_KJ = multiply(turn((x, tilt * D[1, at], 0.0 * x)), (image[3], image[4], image[5], image[6]))
+    u = (D[2, at], D[3, at], D[4, at])
     alpha = (
         L[0, 0] * u[0] + L[0, 1] * u[1] + L[0, 2] * u[2],
         L[1, 0] * u[0] + L[1, 1] * u[1] + L[1, 2] * u[2],
         L[2, 0] * u[0] + L[2, 1] * u[1] + L[2, 2] * u[2],
     )
-    return q_KJ, multiply(turn(alpha), multiply(q_EK, q_KJ))
+    q_EJ = multiply(turn(alpha), multiply((K[0, at], K[1, at], K[2, at], K[3, at]), q_KJ))
+    K[5, at], K[6, at], K[7, at], K[8, at] = q_KJ
+    K[9, at], K[10, at], K[11, at], K[12, at] = q_EJ
+    K[13, at], K[14, at], K[15, at] = sigma[3] * D[5, at], sigma[3] * D[6, at], sigma[3] * D[7, at]
 
 
 def look(q_KJ: Quaternion, u_J: Triple, column: Row, row: Row, scale: Row) -> Triple:
@@ -74,37 +80,118 @@ def look(q_KJ: Quaternion, u_J: Triple, column: Row, row: Row, scale: Row) -> Tr
     s = rotate(q_KJ, u_J)
     depth = 1.0 / s[2]
     x, y = scale * (s[0] * depth + column), scale * (s[1] * depth + row)
-    size = 1.0 / np.sqrt(1.0 + x * x + y * y)
+    size = 1.0 / root(1.0 + x * x + y * y)
     return size * x, size * y, size
 
 
-def simulate(
-    Z: Array, W: Array, at: Any, images: Array, p_J: Array, L: Array, q_model: Array, sigma: Array
+def sighting(D: Array, K: Array, S: Array, at: Any, d: Triple, sigma: Array, floor: float) -> None:
+    """Rows of a sighting: e_K, e_E, the axes of J (x, y, z of ITRF) in E, and the floor of gamma.
+
+    ``d`` true vector from camera to marker.
+    """
+    q_KJ = (K[5, at], K[6, at], K[7, at], K[8, at])
+    q_EJ = (K[9, at], K[10, at], K[11, at], K[12, at])
+    e_K = look(q_KJ, d, sigma[4] * D[0, at], sigma[4] * D[1, at], K[4, at])
+    e_E = rotate(q_EJ, unit((d[0] - K[13, at], d[1] - K[14, at], d[2] - K[15, at])))
+    c = axes(q_EJ)
+    S[0, at], S[1, at], S[2, at] = e_K
+    S[3, at], S[4, at], S[5, at] = e_E
+    S[6, at], S[7, at], S[8, at] = c[0], c[1], c[2]
+    S[9, at], S[10, at], S[11, at] = c[3], c[4], c[5]
+    S[12, at], S[13, at], S[14, at] = c[6], c[7], c[8]
+    S[15, at] = floor
+
+
+def simulate_block(
+    Z: Array,
+    W: Array,
+    K: Array,
+    images: Array,
+    p_J: Array,
+    L: Array,
+    q_model: Array,
+    sigma: Array,
+    floor: float,
 ) -> None:
-    """Fill W: the true mounting ``exp(-theta_E) C_EK_model``, and for each sighting e_K, e_E and the axes of J in E.
+    """Fill the sightings' rows of W and the rows of K (16, width) from a block of draws.
 
     ``images`` (m, 8) as in ``station``; ``p_J`` (n, 3) markers; ``sigma`` (5): initial error rad, focal length, aim m,
-    GPS m, marker in tangents; ``q_model`` (4) quaternion of the model mounting.  J's axes come in ITRF's order.
+    GPS m, marker in tangents; ``q_model`` (4) quaternion of the model mounting.
     """
-    minus_theta_E = (-sigma[0] * Z[0, at], -sigma[0] * Z[1, at], -sigma[0] * Z[2, at])
-    q_EK = multiply(turn(minus_theta_E), (q_model[0], q_model[1], q_model[2], q_model[3]))
-    W[0, at], W[1, at], W[2, at], W[3, at] = q_EK
-    scale = 1.0 / (1.0 + sigma[1] * Z[3, at])
-    base = STATE_ROWS
-    first = RUN_DRAWS
+    width = block_width(Z.shape[1])
+    spare_run, spare_image = np.empty((RUN_DRAWS, width)), np.empty((IMAGE_DRAWS, width))
+    spare_marker, spare = np.empty((MARKER_DRAWS, width)), np.empty((SIGHTING_ROWS, width))
+    D = rows_at(Z, 0, spare_run)
+    for at in lanes():
+        begin(D, K, at, q_model, sigma)
+    base, first = STATE_ROWS, RUN_DRAWS
     for i in range(len(images)):
-        q_KJ, q_EJ = station(Z, at, first, images[i], L, q_EK, sigma[2])
-        c = axes(q_EJ)
-        rho = (sigma[3] * Z[first + 5, at], sigma[3] * Z[first + 6, at], sigma[3] * Z[first + 7, at])
+        D = rows_at(Z, first, spare_image)
+        for at in lanes():
+            station(D, K, at, images[i], L, sigma)
         first += IMAGE_DRAWS
         for k in range(len(p_J)):
             d = (p_J[k, 0] - images[i, 0], p_J[k, 1] - images[i, 1], p_J[k, 2] - images[i, 2])
-            e_K = look(q_KJ, d, sigma[4] * Z[first, at], sigma[4] * Z[first + 1, at], scale)
-            e_E = rotate(q_EJ, unit((d[0] - rho[0], d[1] - rho[1], d[2] - rho[2])))
-            W[base, at], W[base + 1, at], W[base + 2, at] = e_K
-            W[base + 3, at], W[base + 4, at], W[base + 5, at] = e_E
-            W[base + 6, at], W[base + 7, at], W[base + 8, at] = c[0], c[1], c[2]
-            W[base + 9, at], W[base + 10, at], W[base + 11, at] = c[3], c[4], c[5]
-            W[base + 12, at], W[base + 13, at], W[base + 14, at] = c[6], c[7], c[8]
+            D = rows_at(Z, first, spare_marker)
+            S = rows_at(W, base, spare)
+            for at in lanes():
+                sighting(D, K, S, at, d, sigma, floor)
+            put_back(W, base, S)
             first += MARKER_DRAWS
             base += SIGHTING_ROWS
+
+
+def start(W: Array, at: Any, q_model: Array, P0: Array) -> None:
+    """State before the first cycle: the model mounting, and P0 (3,) on the diagonal."""
+    W[0, at], W[1, at], W[2, at], W[3, at] = q_model[0], q_model[1], q_model[2], q_model[3]
+    W[4, at], W[7, at], W[9, at] = P0[0], P0[1], P0[2]
+    W[5, at], W[6, at], W[8, at] = 0.0, 0.0, 0.0
+
+
+def error(W: Array, K: Array, E: Array, at: Any) -> None:
+    """Rows of E: ``theta_E = log(C_EK C_EK_true^T)`` by the series of the arc sine (to 1e-8 of itself up to 10 deg)."""
+    q_true = (K[0, at], K[1, at], K[2, at], K[3, at])
+    q = multiply((W[0, at], W[1, at], W[2, at], W[3, at]), conjugate(q_true))
+    s = q[0] * q[0] + q[1] * q[1] + q[2] * q[2]
+    factor = 2.0 + s * (1.0 / 3.0 + s * (0.15 + s * (5.0 / 56.0)))
+    E[0, at], E[1, at], E[2, at] = factor * q[0], factor * q[1], factor * q[2]
+
+
+def campaign_blocks(
+    Z: Array,
+    images: Array,
+    p_J: Array,
+    L: Array,
+    q_model: Array,
+    sigma: Array,
+    P0: Array,
+    floor: float,
+    parameters: Parameters,
+    errors: Array,
+) -> None:
+    """Draws (k, runs) to errors (cycles, 3, runs) rad about E after each cycle of the observer, a block at a time."""
+    runs = Z.shape[1]
+    width = block_width(runs)
+    D, K, E = np.zeros((len(Z), width)), np.zeros((TRUTH_ROWS, width)), np.zeros((3, width))
+    W = np.zeros((STATE_ROWS + SIGHTING_ROWS * len(images) * len(p_J), width))
+    spare = np.zeros((SIGHTING_ROWS, width))
+    for begun in range(0, runs, width):
+        count = min(width, runs - begun)
+        D[:, :count] = Z[:, begun : begun + count]
+        simulate_block(D, W, K, images, p_J, L, q_model, sigma, floor)
+        for at in lanes():
+            start(W, at, q_model, P0)
+        for cycle in range(len(errors)):
+            one_cycle(W, spare, parameters)
+            for at in lanes():
+                error(W, K, E, at)
+            errors[cycle, :, begun : begun + count] = E[:, :count]
+
+
+@cache
+def campaign(factorised: bool, compiled: bool) -> Callable[..., None]:
+    """``campaign_blocks`` with the wanted form of (3), in NumPy or compiled with numba."""
+    form = updates(factorised)
+    scene = (begin, station, look, sighting, simulate_block, start, error)
+    observer = (growth, form, vector_equation, one_cycle)
+    return specialise(campaign_blocks, (*scene, *observer), {"update": form}, compiled)

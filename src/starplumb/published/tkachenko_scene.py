@@ -12,12 +12,14 @@ from numpy.typing import ArrayLike, NDArray
 from .. import so3
 from ..corrections import Corrections
 from ..earth import OMEGA_EARTH, geodetic_to_itrf
+from ..errors import InputError
+from ..estimators.observer import Observer
 from ..estimators.observer_rows import SIGHTING_ROWS, STATE_ROWS
 from ..observations import Observations
 from ..orbit import KeplerOrbit, pointing
 from ..scene import site_grid
 from ..units import ARCMIN, ARCSEC, DEG, MM, UM
-from .tkachenko_rows import IMAGE_DRAWS, MARKER_DRAWS, RUN_DRAWS, simulate
+from .tkachenko_rows import IMAGE_DRAWS, MARKER_DRAWS, RUN_DRAWS, TRUTH_ROWS, campaign, simulate_block
 
 Array = NDArray[np.float64]
 
@@ -54,6 +56,12 @@ class Scene:
     def draws(self) -> int:
         """Normal numbers that a run needs."""
         return RUN_DRAWS + len(self.images) * (IMAGE_DRAWS + MARKER_DRAWS * len(self.p_J))
+
+    @property
+    def constants(self) -> tuple[Array, Array, Array]:
+        """Root of the trackers' covariance, quaternion of the model mounting, sigmas: what the rows' formulas take."""
+        root = np.asarray(np.linalg.cholesky(self.tracker_covariance), dtype=np.float64)
+        return root, so3.to_quaternion(C_EK_MODEL), self.sigma
 
 
 def scene(paper: Mapping[str, Any], pitch_deg: ArrayLike, focal_length_mm: float, cone_deg: float) -> Scene:
@@ -162,13 +170,38 @@ class Runs:
 def draw(scene: Scene, rng: np.random.Generator, runs: int, theta_E: ArrayLike | None = None) -> Runs:
     """Simulate runs, all with the initial error ``theta_E`` (3,) rad where one is given.
 
-    The work rows' state of P and floors are left to the observer.
+    The work rows hold the true mounting in place of the model's; the state of P is left to the observer.
     """
     Z = rng.standard_normal((scene.draws, runs))
     if theta_E is not None:
         Z[:3] = (np.asarray(theta_E) / scene.sigma[0])[:, None]
     rows = np.zeros((STATE_ROWS + SIGHTING_ROWS * len(scene.images) * len(scene.p_J), runs))
-    root: Array = np.linalg.cholesky(scene.tracker_covariance)
-    q_model = so3.to_quaternion(C_EK_MODEL)
-    simulate(Z, rows, slice(None), scene.images, scene.p_J, root, q_model, scene.sigma)
+    K = np.zeros((TRUTH_ROWS, runs))
+    simulate_block(Z, rows, K, scene.images, scene.p_J, *scene.constants, 1.0)
+    rows[:4] = K[:4]
     return Runs(rows, scene, Z)
+
+
+def errors_E(scene: Scene, observer: Observer, rng: np.random.Generator, runs: int) -> Array:
+    """Errors (cycles, 3, runs) rad about E that the observer leaves after each cycle: draws, scene and cycles in one
+    pass over blocks of runs, for many of them.
+
+    Raises InputError for another order of the equations than that of J's axes.
+    """
+    if observer.order != (0, 1, 2):
+        raise InputError(f"errors_E: found order = {observer.order}, wanted (0, 1, 2)")
+    Z = rng.standard_normal((scene.draws, runs))
+    errors = np.empty((observer.cycles, 3, runs))
+    P0 = np.array(np.broadcast_to(observer.P0, (3,)), dtype=np.float64)
+    run = campaign(observer.factorised, observer.compiled)
+    run(
+        Z,
+        scene.images,
+        scene.p_J,
+        *scene.constants,
+        P0,
+        float(np.sqrt(observer.floor)),
+        observer.parameters,
+        errors,
+    )
+    return errors

@@ -1,0 +1,266 @@
+"""The fuzzy observer: its formulas against matrices written out, its signs by hand, its sigma against simulation."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from observer_loop import cycle_run
+from problems import C_EK_TRUE, FRAME, LINE, truth
+from starplumb import so3
+from starplumb.errors import InputError
+from starplumb.estimators import observer_rows as rows
+from starplumb.estimators.observer import Observer, describe
+from starplumb.estimators.protocol import Status
+from starplumb.geometry import observe
+from starplumb.simulate import Errors, measure
+from starplumb.units import ARCMIN, ARCSEC, DEG
+
+
+def two_images(**changes):
+    return observe(truth(FRAME, images=2, markers=2, shared_site=True, tilt_deg=2.5, **changes))
+
+
+def measured(table, rng, runs):
+    return measure(table, C_EK_TRUE, Errors.draw(table, rng, (runs,)))
+
+
+def error_arcsec(estimate):
+    return so3.log(estimate.C_EK @ C_EK_TRUE.T) / ARCSEC
+
+
+def full(P):
+    """Symmetric matrix of the rows (P11, P12, P13, P22, P23, P33)."""
+    a, b, c, d, e, f = P
+    return np.array([[a, b, c], [b, d, e], [c, e, f]])
+
+
+def factors(P):
+    """(D1, U12, U13, D2, U23, D3) of P = U D U^T, by hand from the last column up."""
+    d3 = P[2, 2]
+    u13, u23 = P[0, 2] / d3, P[1, 2] / d3
+    d2 = P[1, 1] - d3 * u23**2
+    u12 = (P[0, 1] - d3 * u13 * u23) / d2
+    return P[0, 0] - d2 * u12**2 - d3 * u13**2, u12, u13, d2, u23, d3
+
+
+def product(UD):
+    d1, u12, u13, d2, u23, d3 = UD
+    U = np.array([[1, u12, u13], [0, 1, u23], [0, 0, 1.0]])
+    return U @ np.diag([d1, d2, d3]) @ U.T
+
+
+@pytest.mark.parametrize("floor", [0.0, 1.0, 30.0])
+def test_one_scalar_update_is_formula_3(rng, floor):
+    A = rng.standard_normal((3, 3))
+    P, g, z = A @ A.T, rng.standard_normal(3), 0.7
+    alpha, beta, w = 0.3, 0.2, np.array([1.0, 2.0, 5.0])
+    s = g @ P @ g
+    K = P @ g / (alpha + s)
+    Gamma = np.diag(np.sqrt(np.maximum(floor, w * z**2 / (beta + s))))
+    wanted = Gamma @ (P - np.outer(K, g @ P)) @ Gamma
+    parameters = (alpha, beta, *np.sqrt(w))
+    P_plus, step = rows.update_plain(
+        (P[0, 0], P[0, 1], P[0, 2], P[1, 1], P[1, 2], P[2, 2]), tuple(g), z, np.sqrt(floor), parameters
+    )
+    np.testing.assert_allclose(full(P_plus), wanted, rtol=1e-12, atol=1e-14)
+    np.testing.assert_allclose(step, K * z, rtol=1e-12)
+    UD_plus, step = rows.update_factorised(factors(P), tuple(g), z, np.sqrt(floor), parameters)
+    np.testing.assert_allclose(product(UD_plus), wanted, rtol=1e-11, atol=1e-13)
+    np.testing.assert_allclose(step, K * z, rtol=1e-12)
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-12, 1e-7, 1e-3, 0.3, 2.0, np.pi, 6.0])
+def test_turn_is_the_exponential(rng, angle):
+    axis = rng.standard_normal(3)
+    v = angle * axis / np.linalg.norm(axis)
+    rounding = 1e-14 if angle <= np.pi else 1e-12
+    np.testing.assert_allclose(so3.from_quaternion(rows.turn(tuple(v))), so3.exp(v), atol=rounding)
+    assert np.linalg.norm(rows.turn(tuple(v))) == pytest.approx(1.0, abs=rounding)
+
+
+def test_rotations_of_rows_are_those_of_matrices(rng):
+    p, q = (so3.to_quaternion(so3.exp(v)) for v in rng.standard_normal((2, 3)))
+    v = rng.standard_normal(3)
+    np.testing.assert_allclose(rows.rotate(tuple(q), tuple(v)), so3.from_quaternion(q) @ v, atol=1e-14)
+    both = so3.from_quaternion(rows.multiply(tuple(p), tuple(q)))
+    np.testing.assert_allclose(both, so3.from_quaternion(p) @ so3.from_quaternion(q), atol=1e-14)
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("factorised", [True, False])
+def test_a_model_turned_about_one_axis_is_turned_back(axis, factorised):
+    table = observe(truth(FRAME, images=4, markers=6))
+    model = so3.exp(10.0 * ARCMIN * np.eye(3)[axis]) @ C_EK_TRUE
+    estimate = Observer(cycles=60, factorised=factorised)(table, model)
+    assert np.linalg.norm(error_arcsec(estimate)) < 0.01
+    # it found the error that was put in, with its sign
+    found = so3.log(model @ estimate.C_EK.mT) / ARCMIN
+    np.testing.assert_allclose(found, 10.0 * np.eye(3)[axis], atol=1e-3)
+
+
+@pytest.mark.parametrize("camera", [FRAME, LINE])
+@pytest.mark.parametrize("factorised", [True, False])
+def test_two_cycles_are_those_of_the_loop_over_matrices(camera, factorised, rng):
+    table = observe(truth(camera, images=2, markers=3))
+    o = measured(table, rng, 20)
+    model = so3.exp(rng.standard_normal((20, 3)) * DEG) @ C_EK_TRUE
+    options = Observer(cycles=2, factorised=factorised)
+    estimate = options(o, model)
+    loop = [
+        cycle_run(
+            o.e_K[i],
+            o.e_E[i],
+            o.C_EJ[i],
+            model[i],
+            options.P0 * np.eye(3),
+            alpha=options.alpha,
+            beta=options.beta,
+            w=options.w,
+            floor=options.floor,
+            cycles=2,
+        )
+        for i in range(20)
+    ]
+    difference = np.linalg.norm(so3.log(estimate.C_EK @ np.array(loop).mT), axis=-1)
+    # gamma^2 ~ z^2 amplifies rounding, in single runs up to a milliarcsecond
+    assert np.median(difference) < 1e-8 * ARCSEC
+    assert np.max(difference) < 1e-2 * ARCSEC
+
+
+def test_the_order_of_the_equations_is_that_of_the_axes_named(rng):
+    table = measured(two_images(), rng, 5)
+    model = so3.exp(rng.standard_normal((5, 3)) * DEG) @ C_EK_TRUE
+    order = (2, 0, 1)
+    turned = replace(table, C_EJ=table.C_EJ[..., list(order)])
+    reordered = Observer(cycles=1, order=order)(table, model)
+    np.testing.assert_allclose(reordered.C_EK, Observer(cycles=1)(turned, model).C_EK, atol=1e-15)
+    assert np.max(np.abs(reordered.C_EK - Observer(cycles=1)(table, model).C_EK)) > 1e-6
+
+
+def test_factorised_and_plain_agree_in_the_median(rng):
+    table = measured(two_images(), rng, 500)
+    model = so3.exp(rng.standard_normal((500, 3)) * DEG) @ C_EK_TRUE
+    difference = so3.log(Observer()(table, model).C_EK @ Observer(factorised=False)(table, model).C_EK.mT)
+    assert np.median(np.linalg.norm(difference, axis=-1)) < 1e-6 * ARCSEC
+
+
+def test_a_batch_is_its_single_runs(rng):
+    table = measured(two_images(), rng, 3)
+    model = so3.exp(rng.standard_normal((3, 3)) * DEG) @ C_EK_TRUE
+    together = Observer(cycles=3)(table, model)
+    for i in range(3):
+        alone = {
+            name: getattr(table, name)[i]
+            for name in ("xy_K", "C_EJ", "r_J", "p_J", "e_E", "row_rate_E", "range_m")
+        }
+        single = Observer(cycles=3)(replace(table, **alone), model[i])
+        assert single.C_EK.shape == (3, 3)
+        np.testing.assert_array_equal(single.C_EK, together.C_EK[i])
+        assert single.status == together.status[i]
+
+
+@pytest.mark.parametrize("floor", [0.0, 1.0])
+def test_a_marker_not_seen_changes_nothing(rng, floor):
+    table = observe(truth(FRAME, images=2, markers=3))
+    seen = np.array([True, True, False, True, True, True])
+    model = so3.exp(rng.standard_normal(3) * DEG) @ C_EK_TRUE
+    masked = Observer(floor=floor)(replace(table, weight=seen.astype(float)), model)
+    np.testing.assert_allclose(masked.C_EK, Observer(floor=floor)(table.select(seen), model).C_EK, atol=1e-13)
+
+
+def test_the_floor_keeps_the_weak_angle_from_freezing(rng):
+    table = measured(two_images(), rng, 300)
+    model = so3.exp(rng.standard_normal((300, 3)) * DEG) @ C_EK_TRUE
+    free = np.std(error_arcsec(Observer()(table, model)), axis=0)
+    frozen = np.std(error_arcsec(Observer(floor=0.0)(table, model)), axis=0)
+    # about the line of sight
+    assert np.max(frozen) > 3.0 * np.max(free)
+
+
+def test_status_says_what_the_run_was_worth(rng):
+    table = two_images()
+    model = so3.exp(np.array([1.0, -0.5, 0.8]) * DEG) @ C_EK_TRUE
+    assert Observer(cycles=40)(table, model).status == Status.OK
+    assert Observer(cycles=2)(table, model).status == Status.WEAK
+    one = table.select(np.array([True, False, False, False]))
+    assert Observer()(one, model).status == Status.SINGULAR
+
+
+def test_the_way_there_is_kept(rng):
+    table = two_images()
+    theta_E = np.array([1.0, -0.5, 0.3]) * DEG
+    estimate = Observer(cycles=12)(table, so3.exp(theta_E) @ C_EK_TRUE)
+    # the first equation knows nothing of the turn about its own line of sight
+    sight = table.e_E[0]
+    across = np.eye(3) - np.outer(sight, sight)
+    np.testing.assert_allclose(
+        across @ estimate.first_correction_E, across @ theta_E, atol=0.03 * np.linalg.norm(theta_E)
+    )
+    # beta between cycles: C(L - 1) = exp(beta) C(L)
+    assert estimate.change_E.shape == (11, 3)
+    np.testing.assert_allclose(
+        so3.exp(estimate.change_E[0]) @ estimate.C_EK_after(2), estimate.C_EK_after(1), atol=1e-14
+    )
+    np.testing.assert_allclose(estimate.C_EK_after(12), estimate.C_EK, atol=1e-15)
+    needed = int(estimate.cycles_needed)
+    moved = np.linalg.norm(estimate.change_E, axis=-1)
+    assert np.all(moved[needed - 1 :] < estimate.settle)
+    assert needed == 1 or moved[needed - 2] >= estimate.settle
+
+
+def test_described_in_words():
+    model = so3.exp(np.array([1.0, -0.5, 0.8]) * DEG) @ C_EK_TRUE
+    settled = " ".join(describe(Observer(cycles=30)(two_images(), model)))
+    assert "very first equation put the initial error at" in settled
+    assert "has settled: after cycle" in settled
+    assert "NOT settled" in " ".join(describe(Observer(cycles=2)(two_images(), model)))
+    assert "cannot be said" in " ".join(describe(Observer(cycles=1)(two_images(), model)))
+
+
+def test_P_is_never_stated_as_a_covariance():
+    assert Observer()(two_images(), C_EK_TRUE).covariance_E is None
+
+
+def test_redrawn_covariance_is_that_of_the_errors(rng):
+    table = two_images()
+    o = measured(table, rng, 1500)
+    model = so3.exp(np.array([0.5, -0.5, 0.5]) * DEG) @ C_EK_TRUE
+    actual = np.sqrt(np.mean(error_arcsec(Observer()(o, model)) ** 2, axis=0))
+    one = measured(table, rng, 1)
+    single = replace(
+        table, xy_K=one.xy_K[0], e_E=one.e_E[0], C_EJ=one.C_EJ[0], r_J=one.r_J[0], p_J=one.p_J[0]
+    )
+    estimate = Observer(covariance_draws=1500)(single, model)
+    # 1500 runs on either side: 2.6 % of sampling error in the ratio, four times that allowed
+    np.testing.assert_allclose(estimate.sigma_E / ARCSEC, actual, rtol=0.12)
+
+
+@pytest.mark.parametrize(
+    ("options", "complaint"),
+    [
+        ({"alpha": 0.0}, "alpha = 0.0, wanted a positive number"),
+        ({"w": (1.0, -1.0, 1.0)}, "w = -1.0, wanted a positive number"),
+        ({"P0": float("inf")}, "P0 = inf, wanted a positive number"),
+        ({"cycles": 0}, "cycles = 0, wanted 1 or more"),
+        ({"order": (0, 0, 1)}, "wanted the axes 0, 1, 2 each once"),
+    ],
+)
+def test_options_that_make_no_sense_are_refused(options, complaint):
+    with pytest.raises(InputError, match=complaint.replace("(", r"\(")):
+        Observer(**options)
+
+
+def test_compiled_code_gives_the_same_statistics(rng):
+    pytest.importorskip("numba")
+    table = measured(two_images(), rng, 1000)
+    model = so3.exp(rng.standard_normal((1000, 3)) * DEG) @ C_EK_TRUE
+    plain, compiled = (Observer(compiled=c)(table, model) for c in (False, True))
+    difference = np.linalg.norm(so3.log(plain.C_EK @ compiled.C_EK.mT), axis=-1)
+    assert np.median(difference) < 1e-6 * ARCSEC
+    assert np.quantile(difference, 0.99) < 1e-2 * ARCSEC
+    np.testing.assert_allclose(
+        np.std(error_arcsec(compiled), axis=0), np.std(error_arcsec(plain), axis=0), rtol=1e-3
+    )
