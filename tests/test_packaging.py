@@ -1,0 +1,70 @@
+"""What is delivered: every file of the package in the wheel, extras that agree with the messages that name them."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import tomllib
+import zipfile
+from pathlib import Path
+
+import pytest
+
+import starplumb
+
+ROOT = Path(__file__).resolve().parents[1]
+SOURCE = ROOT / "src" / "starplumb"
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+EXTRAS = PROJECT["optional-dependencies"]
+
+
+def _tracked(folder: str) -> set[str]:
+    """Files under a folder of the checkout that git knows."""
+    listed = subprocess.run(
+        ["git", "ls-files", folder], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    if listed.returncode:
+        pytest.skip("not a git checkout")
+    return set(listed.stdout.split())
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> zipfile.ZipFile:
+    builders = pytest.importorskip("hatchling.builders.wheel")
+    folder = tmp_path_factory.mktemp("dist")
+    made = list(builders.WheelBuilder(str(ROOT)).build(directory=str(folder), versions=["standard"]))
+    return zipfile.ZipFile(made[0])
+
+
+def test_wheel_holds_every_file_of_the_package(wheel: zipfile.ZipFile) -> None:
+    wanted = {name.removeprefix("src/") for name in _tracked("src/starplumb") if (ROOT / name).exists()}
+    kinds = {Path(name).suffix or Path(name).name for name in wanted}
+    assert {".py", ".toml", ".csv", ".j2", ".css", ".typed"} <= kinds
+    assert wanted - set(wheel.namelist()) == set()
+
+
+def test_wheel_has_its_licence_and_command(wheel: zipfile.ZipFile) -> None:
+    info = f"starplumb-{starplumb.__version__}.dist-info"
+    assert "Apache License" in wheel.read(f"{info}/licenses/LICENSE").decode()
+    assert "starplumb = starplumb.cli:main" in wheel.read(f"{info}/entry_points.txt").decode()
+
+
+def test_extras_named_in_messages_exist() -> None:
+    named = {
+        extra
+        for file in SOURCE.rglob("*.py")
+        for extra in re.findall(r"starplumb\[(\w+)\]", file.read_text(encoding="utf-8"))
+    }
+    assert named
+    assert named - set(EXTRAS) == set()
+
+
+def test_dev_brings_every_extra() -> None:
+    listed = re.findall(r"starplumb\[([\w,]+)\]", " ".join(EXTRAS["dev"]))
+    assert set(",".join(listed).split(",")) == set(EXTRAS) - {"dev"}
+
+
+def test_versions_agree() -> None:
+    citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    assert PROJECT["version"] == starplumb.__version__
+    assert f"version: {starplumb.__version__}\n" in citation
