@@ -148,6 +148,8 @@ def sight(
     """
     e_J, range_m = apparent_direction(p_J, r_J, v_J, corrections)
     e_E = (C_EJ @ e_J[..., None])[..., 0]
+    if not np.any(line_period_s):  # a frame has no rows in time
+        return {"e_E": e_E, "row_rate_E": np.zeros((*line_period_s.shape, 3)), "range_m": range_m}
     drift_J = -(v_J - e_J * np.sum(e_J * v_J, axis=-1, keepdims=True)) / range_m[..., None]
     rate = np.cross(omega_E, e_E) + (C_EJ @ drift_J[..., None])[..., 0]
     return {"e_E": e_E, "row_rate_E": line_period_s[..., None] * rate, "range_m": range_m}

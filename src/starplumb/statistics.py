@@ -140,10 +140,14 @@ class Sketch:
         magnitude = np.abs(values)
         small = magnitude < _SMALLEST
         bucket = np.ceil(np.log(np.where(small, 1.0, magnitude)) / _LOG_RATIO).astype(np.int64) - _OFFSET
-        key, count = np.unique(
-            np.where(small, 0, np.sign(values).astype(np.int64) * bucket), return_counts=True
-        )
-        return cls(key, count)
+        keys = np.where(small, 0, np.where(values < 0.0, -bucket, bucket))
+        if keys.size == 0:
+            return cls(keys, keys)
+        # counting beats sorting: there are no more than 10^5 buckets between any two numbers that occur
+        low = int(keys.min())
+        counts = np.bincount(keys - low)
+        key = np.flatnonzero(counts)
+        return cls(key + low, counts[key].astype(np.int64))
 
     def merge(self, other: Sketch) -> Sketch:
         key, back = np.unique(np.concatenate([self.key, other.key]), return_inverse=True)
