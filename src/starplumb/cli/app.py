@@ -14,6 +14,7 @@ from .diagnose import diagnose
 from .import_ import import_
 from .init import init
 from .locate import locate
+from .points import points
 from .reproduce import reproduce
 from .simulate import simulate
 
@@ -41,5 +42,5 @@ def _options(
     pass
 
 
-for command in (init, import_, calibrate, compare, diagnose, locate, simulate, budget, reproduce):
+for command in (init, import_, calibrate, compare, diagnose, locate, points, simulate, budget, reproduce):
     app.command(command.__name__.rstrip("_"))(command)

@@ -45,13 +45,15 @@ def calibrate(
         typer.Option("--out", "-o", help="Folder of the results [default: `result` beside the campaign]."),
     ] = None,
     report: Annotated[bool, typer.Option(help="Write report.html, which takes two seconds.")] = True,
+    gpkg: Annotated[bool, typer.Option("--gpkg", help="Write residuals.gpkg for QGIS too.")] = False,
     json: Json = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
     """Estimate the mounting of the camera and say how well it is known.
 
-    Writes result.json, residuals.csv, the page report.html and the SPICE frame kernel mounting.tf.
+    Writes result.json, residuals.csv, the page report.html and the SPICE frame kernel mounting.tf; with --gpkg also
+    the residuals as a map, residuals.gpkg.
 
     Examples:
 
@@ -76,9 +78,11 @@ def calibrate(
         _refuse(campaign, loaded, labels, method, out)
     done = run(loaded.campaign, estimator)
     document = _publish(loaded, done, method, out, report, labels)
+    if gpkg:
+        _publish_map(done, out)
     speak.document(document)
     named = [] if labels is None else [label_sentence(labels)]
-    speak.show(_table(done, loaded.C_EK_true), *named, *_sentences(done, out))
+    speak.show(_table(done, loaded.C_EK_true), *named, *_sentences(done, out), *_advice(done, campaign))
     speak.detail(*(f"{name}: {digest}" for name, digest in loaded.inputs.items()))
     if not done.status.usable:
         from ..errors import AlignmentFailed
@@ -138,6 +142,28 @@ def _publish(
         )
     publish(out, files, instead_of=("report.html", "mounting.tf"))
     return document
+
+
+def _publish_map(done: Calibration, out: Path) -> None:
+    """The residuals at their landmarks as a layer of points."""
+    from ..earth import itrf_to_geodetic
+    from ..io.geopackage import write_residuals
+    from ..io.result import residual_columns, residual_names
+    from ..units import DEG
+
+    place_J = done.campaign.landmarks.r_J[done.campaign.sightings.landmark]
+    latitude, longitude, _ = itrf_to_geodetic(place_J)
+    columns = residual_columns(done)
+    write_residuals(out / "residuals.gpkg", latitude / DEG, longitude / DEG, residual_names(done), columns)
+
+
+def _advice(done: Calibration, campaign: Path) -> list[str]:
+    """Where to look when the residuals are implausible."""
+    from ..consistency import IMPLAUSIBLE_P
+
+    if done.chi2_p is None or done.chi2_p >= IMPLAUSIBLE_P:
+        return []
+    return [f"next: starplumb diagnose {campaign}"]
 
 
 def _table(done: Calibration, C_EK_true: Array | None) -> Table:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from .ground import Dem, Geoid, HeightsOption
 from .output import Json, Output, Quiet, Verbose
 
 if TYPE_CHECKING:
@@ -26,7 +27,12 @@ def locate(
         Path | None,
         typer.Option("--result", "-r", help="result.json to take the mounting from [default: the model]."),
     ] = None,
-    height_m: Annotated[float, typer.Option("--height-m", help="Ground height above the ellipsoid.")] = 0.0,
+    height_m: Annotated[
+        float | None, typer.Option("--height-m", help="Ground height above the ellipsoid [default: 0].")
+    ] = None,
+    dem: Dem = None,
+    heights: HeightsOption = None,
+    geoid: Geoid = None,
     sigma_height_m: Annotated[float, typer.Option("--sigma-height-m", min=0.0, help="Its sigma.")] = 0.0,
     sigma_px: Annotated[
         float, typer.Option("--sigma-px", min=0.0, help="Sigma of the pixel's coordinates.")
@@ -37,11 +43,18 @@ def locate(
 ) -> None:
     """Ground position of a pixel with its covariance.
 
-    Example:
+    The ground is at one height, or that of a DEM where the line of sight meets it first; what the DEM's heights are
+    above must be said.
+
+    Examples:
 
       \b
       starplumb locate demo/campaign.toml --image image01 6000 6000 \\
         --result demo/result/result.json
+
+      \b
+      starplumb locate campaign.toml --image scene 512 40 \\
+        --dem dem.tif --heights geoid --geoid egm2008.tif
     """
     import numpy as np
 
@@ -50,8 +63,10 @@ def locate(
     from ..io.result import read_mounting
     from ..location import ground
 
-    if not np.isfinite(height_m):
+    if height_m is not None and not np.isfinite(height_m):
         raise InputError(f"--height-m: found {height_m}, wanted a finite number")
+    if height_m is not None and dem is not None:
+        raise InputError("--height-m: found beside --dem, wanted only one of the two")
     speak = Output(json, quiet, verbose)
     loaded = load_campaign(campaign, with_detections=True)
     ids = loaded.campaign.images.ids
@@ -62,13 +77,25 @@ def locate(
     _require_inside(loaded, column, row)
     C_EK, covariance_E, known = read_mounting(result, loaded) if result else _model(loaded)
     pixel = np.array([[column, row]]) - loaded.shift_px
+    if dem is not None:
+        from ..io.heights import surface
+        from ..terrain import ground_height
+
+        ground_at = surface(dem, None if heights is None else heights.value, geoid)
+        height_m = ground_height(
+            loaded.campaign, C_EK, ids.index(image), pixel[0], ground_at.at, ground_at.dem.step_m
+        )
+        if not np.isfinite(height_m):
+            raise InputError(
+                f"{dem}: found no ground under pixel ({column:g}, {row:g}) of {image}, wanted it covered"
+            )
     where = ground(
         loaded.campaign,
         C_EK,
         covariance_E,
         np.array([ids.index(image)]),
         pixel,
-        height_m,
+        height_m or 0.0,
         sigma_px,
         sigma_height_m,
     )

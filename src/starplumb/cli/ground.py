@@ -1,0 +1,30 @@
+"""Options of the commands that take ground heights from a raster."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+class Heights(StrEnum):
+    """What heights are above."""
+
+    ELLIPSOIDAL = "ellipsoidal"
+    GEOID = "geoid"
+
+
+HeightsOption = Annotated[
+    Heights | None,
+    typer.Option(
+        "--heights", help="What the heights are above: the ellipsoid, or a geoid (then --geoid too)."
+    ),
+]
+Dem = Annotated[
+    Path | None, typer.Option("--dem", help="Raster of ground heights, its kind stated by --heights.")
+]
+Geoid = Annotated[
+    Path | None, typer.Option("--geoid", help="Raster of the geoid's heights above the ellipsoid.")
+]

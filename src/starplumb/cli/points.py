@@ -1,0 +1,85 @@
+"""``starplumb points``: ground points of other programs as tables of landmarks and observations."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from .ground import Dem, Geoid, HeightsOption
+from .output import Json, Output, Quiet
+
+
+def points(
+    files: Annotated[
+        list[Path], typer.Argument(help="QGIS .points or Ames Stereo Pipeline .gcp.", metavar="FILE...")
+    ],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for landmarks.csv and observations.csv.")],
+    sigma_m: Annotated[
+        str | None,
+        typer.Option("--sigma-m", help="Sigma of the places where the file has none: one, or east,north,up."),
+    ] = None,
+    sigma_px: Annotated[
+        float | None, typer.Option("--sigma-px", help="Sigma of the pixels where the file has none.")
+    ] = None,
+    dem: Dem = None,
+    heights: HeightsOption = None,
+    geoid: Geoid = None,
+    crs: Annotated[
+        str | None, typer.Option("--crs", help="Reference system of a .points file that does not state it.")
+    ] = None,
+    json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Turn ground points of QGIS or the Ames Stereo Pipeline into landmarks.csv and observations.csv.
+
+    The pixels written have (0, 0) at the centre of the first pixel. A .points file is of the image that has its name;
+    points at the very same place are one landmark. QGIS keeps no heights: give a DEM, and say what its heights are
+    above; the heights of a .gcp file are taken as ellipsoidal unless --heights geoid says otherwise.
+
+    Examples:
+
+      \b
+      starplumb points scene1.points scene2.points --out . --sigma-m 2,2,4 --sigma-px 0.5 \\
+        --dem dem.tif --heights geoid --geoid egm2008.tif
+
+      \b
+      starplumb points control.gcp --out campaign
+    """
+    from ..io.ground_tables import Ground, Sigmas, tables
+    from ..io.write import publish
+
+    speak = Output(json, quiet)
+    found, notices = tables(
+        files,
+        Ground(dem, None if heights is None else heights.value, geoid),
+        Sigmas(_three("--sigma-m", sigma_m), sigma_px),
+        crs,
+    )
+    publish(out, found.files)
+    speak.notices(notices)
+    speak.document({"landmarks": found.landmarks, "observations": found.observations, "images": found.images})
+    speak.show(
+        f"wrote {out / 'landmarks.csv'}: {found.landmarks} landmarks",
+        f"wrote {out / 'observations.csv'}: {found.observations} observations in {', '.join(found.images)}",
+    )
+
+
+def _three(option: str, text: str | None) -> tuple[float, float, float] | None:
+    """One positive number, or three with commas between."""
+    from math import isfinite
+
+    from ..errors import InputError
+
+    if text is None:
+        return None
+    try:
+        values = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        values = ()
+    if len(values) not in (1, 3) or not all(isfinite(value) and value >= 0.0 for value in values):
+        raise InputError(
+            f"{option}: found {text!r}, wanted one number, or three with commas between, none negative"
+        )
+    return (values[0],) * 3 if len(values) == 1 else (values[0], values[1], values[2])
