@@ -19,7 +19,7 @@ MODULES = {
 FLOORS = {
     0: "errors units so3",
     1: "earth timescales orientation orbit camera series corrections layout",
-    2: "campaign observations model geometry adjustment parameters",
+    2: "campaign trackers observations model geometry adjustment parameters",
     3: "estimators simulate scene passes sources error_models reliability",
     4: "",  # what studies, judges and plans: every module not named elsewhere
     5: "io report published",

@@ -3,15 +3,17 @@ files."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from .camera import Camera
 from .corrections import Corrections
 from .series import Attitude, Ephemeris, Orientation
+from .trackers import FusedAttitude
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -55,6 +57,13 @@ class Images:
             _shape("line_period_s", self.line_period_s, (m,))
         if self.tracker is not None and len(self.tracker) != m:
             raise ValueError(f"tracker names {len(self.tracker)} images, wanted {m}")
+
+    def exposed(self, image: Index, row_px: ArrayLike) -> Epochs:
+        """Epochs (n,) of rows (n,) of images (n,): of the image itself, plus row periods for a line scanner."""
+        if self.line_period_s is None:
+            return self.t_ns[image]
+        late_s = self.line_period_s[image] * np.asarray(row_px, dtype=np.float64)
+        return np.asarray(self.t_ns[image] + np.rint(1e9 * late_s).astype(np.int64))
 
 
 @dataclass(frozen=True)
@@ -109,7 +118,7 @@ class Campaign:
     ephemeris: Ephemeris
     sigma_position: Array
     position_frame: Literal["ITRF", "GCRF"]
-    attitude: Attitude
+    attitude: Attitude | FusedAttitude
     cov_attitude_E: Array
     landmarks: Landmarks
     images: Images
@@ -132,6 +141,26 @@ class Campaign:
             raise ValueError("an inertial position_frame needs the orientation of the Earth")
         _indices("image", self.sightings.image, m)
         _indices("landmark", self.sightings.landmark, len(self.landmarks.ids))
+
+    @property
+    def attitudes(self) -> tuple[Attitude, ...]:
+        """The series of every star tracker."""
+        attitude = self.attitude
+        if isinstance(attitude, FusedAttitude):
+            return tuple(tracker.attitude for tracker in attitude.trackers)
+        return (attitude,)
+
+    @property
+    def one_attitude(self) -> Attitude:
+        """The only series; ValueError where the attitude is that of several trackers."""
+        (only,) = self.attitudes
+        return only
+
+    def with_attitude(self, change: Callable[[Attitude], Attitude]) -> Campaign:
+        """The campaign with ``change`` made to its attitude, to the series of every tracker where there are several."""
+        attitude = self.attitude
+        changed = attitude.each(change) if isinstance(attitude, FusedAttitude) else change(attitude)
+        return replace(self, attitude=changed)
 
 
 def _shape(name: str, array: NDArray[Any], shape: tuple[int, ...]) -> None:

@@ -11,7 +11,6 @@ from .adjustment import square_root
 from .campaign import Campaign
 from .corrections import inertial_velocity
 from .earth import C_JT, itrf_to_geodetic
-from .errors import InputError
 from .observations import Observations
 from .orbit import C_RO, argument_of_latitude
 from .sources import (
@@ -23,6 +22,7 @@ from .sources import (
     Distribution,
     Source,
 )
+from .trackers import Fusion, fusion_weights
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -84,21 +84,16 @@ class Tracker:
     sigma: Array
 
 
-def fused_axes(trackers: tuple[Tracker, ...], fusion: str) -> list[Array]:
+def fused_axes(trackers: tuple[Tracker, ...], fusion: Fusion) -> list[Array]:
     """What each tracker's error, along its own axes, does to the fused attitude: W_j C_EA_j (3, 3) each.
 
-    ``mean``: W = I / n.  ``weighted``: ``W_j = (sum_k N_k)^-1 N_j`` with the information ``N = C_EA S^-2 C_EA^T``.
     Raises InputError where a weighted tracker claims to be exact.
     """
-    if fusion == "mean" or len(trackers) <= 1:
-        return [tracker.C_EA / len(trackers) for tracker in trackers]
-    if any(np.any(tracker.sigma <= 0.0) for tracker in trackers):
-        raise InputError(
-            "a tracker's sigma of 0 gives it all the weight; wanted positive sigmas to weight trackers"
-        )
-    information = [t.C_EA @ np.diag(t.sigma**-2) @ t.C_EA.T for t in trackers]
-    total = np.linalg.inv(np.sum(information, axis=0))
-    return [total @ N @ t.C_EA for N, t in zip(information, trackers, strict=True)]
+    if len(trackers) <= 1:
+        return [tracker.C_EA for tracker in trackers]
+    C_EA = np.stack([tracker.C_EA for tracker in trackers])
+    scaled = C_EA * np.stack([tracker.sigma for tracker in trackers])[:, None, :]
+    return list(fusion_weights(scaled @ scaled.mT, np.ones(len(trackers), dtype=np.bool_), fusion) @ C_EA)
 
 
 def attitude(

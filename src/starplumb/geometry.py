@@ -42,8 +42,7 @@ def stations(campaign: Campaign, image: Index, row_px: ArrayLike) -> Stations:
     period = np.zeros(image.size)
     if campaign.camera.scans and images.line_period_s is not None:
         period = images.line_period_s[image]
-    t_ns = images.t_ns[image] + np.rint(1e9 * period * np.asarray(row_px, float)).astype(np.int64)
-    epochs, back = np.unique(t_ns, return_inverse=True)
+    epochs, back = np.unique(images.exposed(image, row_px), return_inverse=True)
     try:
         C_EJ, omega_E = campaign.attitude.at(epochs)
         r_J, v_J = campaign.ephemeris.at(

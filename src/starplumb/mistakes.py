@@ -18,7 +18,7 @@ from .campaign import Campaign
 from .corrections import inertial_velocity
 from .errors import InputError
 from .orientation import EarthOrientation
-from .series import Ephemeris, Orientation
+from .series import Attitude, Ephemeris, Orientation
 from .timescales import SCALES, format_iso, parse
 from .units import DEG
 
@@ -143,22 +143,25 @@ def _reread(q_xyzw: Array, roll: int, reverse: bool, inverse_in_file: bool) -> A
 
 def _attitude(campaign: Campaign, written: Written) -> Iterator[Mistake]:
     """Order, direction and frame of the attitude, alone and together."""
-    other = "ITRF" if campaign.attitude.frame == "GCRF" else "GCRF"
+    stated = campaign.attitudes[0].frame
+    other = "ITRF" if stated == "GCRF" else "GCRF"
     for (order, roll), reverse, reframe in product(_ORDERS.items(), (False, True), (False, True)):
         parts = [order] if order else []
         parts += ["turning the other way (from and to exchanged)"] if reverse else []
-        parts += [f"relative to {other}, not {campaign.attitude.frame}"] if reframe else []
+        parts += [f"relative to {other}, not {stated}"] if reframe else []
         if not parts:
             continue
 
         def undo(c: Campaign, roll: int = roll, reverse: bool = reverse, reframe: bool = reframe) -> Campaign:
-            q = _reread(c.attitude.q_EF, roll, reverse, not written.attitude_to_tracker)
-            attitude = replace(c.attitude, q_EF=q)
-            if reframe and c.attitude.frame == "GCRF":
-                attitude = replace(attitude, frame="ITRF", orientation=None)
-            elif reframe:
-                attitude = replace(attitude, frame="GCRF", orientation=_orientation(c))
-            return replace(c, attitude=attitude)
+            def reread(a: Attitude) -> Attitude:
+                a = replace(a, q_EF=_reread(a.q_EF, roll, reverse, not written.attitude_to_tracker))
+                if not reframe:
+                    return a
+                inertial = a.frame == "GCRF"
+                orientation = None if inertial else _orientation(c)
+                return replace(a, frame="ITRF" if inertial else "GCRF", orientation=orientation)
+
+            return c.with_attitude(reread)
 
         key = "+".join(
             name
@@ -221,7 +224,7 @@ def _retimed(c: Campaign, tables: tuple[str, ...], shift_ns: int) -> Campaign:
     if "images" in tables:
         c = replace(c, images=replace(c.images, t_ns=c.images.t_ns + shift_ns))
     if "attitude" in tables:
-        c = replace(c, attitude=replace(c.attitude, t_ns=c.attitude.t_ns + shift_ns))
+        c = c.with_attitude(lambda a: replace(a, t_ns=a.t_ns + shift_ns))
     if "ephemeris" in tables:
         moved = replace(c.ephemeris, t_ns=c.ephemeris.t_ns + shift_ns)
         if c.position_frame == "GCRF" and c.orientation is not None:

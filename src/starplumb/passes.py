@@ -146,10 +146,10 @@ def join(campaigns: Sequence[Campaign]) -> tuple[Campaign, Index]:
         ),
         attitude=Attitude(
             t_ns,
-            np.concatenate([c.attitude.q_EF for c in ordered]),
-            first.attitude.frame,
-            first.attitude.orientation,
-            first.attitude.gap_s,
+            np.concatenate([c.one_attitude.q_EF for c in ordered]),
+            first.one_attitude.frame,
+            first.one_attitude.orientation,
+            first.one_attitude.gap_s,
         ),
         images=Images(
             tuple(f"image{i + 1:02d}" for i in range(sum(flown))),

@@ -75,14 +75,11 @@ class Bursts:
         As many as ``width`` nodes of the epoch's own burst, centred on it where the burst allows.  Each group
         has one k. Raises EpochError for an epoch outside every burst, naming the nearest sample.
         """
+        left, nearest, covered = self._neighbours(t_ns)
+        if not np.all(covered):
+            self._refuse(t_ns, nearest, int(np.argmin(covered)), what)
         first, last = self.bounds
-        left = np.clip(np.searchsorted(self.t_ns, t_ns, side="right") - 1, 0, self.t_ns.size - 1)
-        right = np.minimum(left + 1, self.t_ns.size - 1)
-        nearest = np.where(np.abs(self.t_ns[right] - t_ns) < np.abs(t_ns - self.t_ns[left]), right, left)
         coincides = np.abs(self.t_ns[nearest] - t_ns) <= COINCIDENCE_NS
-        inside = (self.t_ns[left] <= t_ns) & (t_ns <= self.t_ns[right]) & (last[left] >= right)
-        if not np.all(inside | coincides):
-            self._refuse(t_ns, nearest, int(np.argmin(inside | coincides)), what)
         anchor = np.where(coincides, nearest, left)
         k = np.minimum(width, last[anchor] - first[anchor] + 1)
         start = np.clip(anchor - (k - 1) // 2, first[anchor], last[anchor] - k + 1)
@@ -91,6 +88,19 @@ class Bursts:
             queries = np.flatnonzero(k == size)
             groups.append((queries, start[queries, None] + np.arange(size)))
         return groups
+
+    def covers(self, t_ns: Epochs) -> NDArray[np.bool_]:
+        """Whether epochs (m,) lie within a burst, or on a sample."""
+        return self._neighbours(t_ns)[2]
+
+    def _neighbours(self, t_ns: Epochs) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.bool_]]:
+        """Of epochs (m,): the sample before, the nearest one, and whether the epoch is covered."""
+        left = np.clip(np.searchsorted(self.t_ns, t_ns, side="right") - 1, 0, self.t_ns.size - 1)
+        right = np.minimum(left + 1, self.t_ns.size - 1)
+        nearest = np.where(np.abs(self.t_ns[right] - t_ns) < np.abs(t_ns - self.t_ns[left]), right, left)
+        coincides = np.abs(self.t_ns[nearest] - t_ns) <= COINCIDENCE_NS
+        inside = (self.t_ns[left] <= t_ns) & (t_ns <= self.t_ns[right]) & (self.bounds[1][left] >= right)
+        return left, nearest, inside | coincides
 
     def _refuse(self, t_ns: Epochs, nearest: NDArray[np.int64], row: int, what: str) -> None:
         epoch, sample = format_iso(np.array([t_ns[row], self.t_ns[nearest[row]]]), "UTC")

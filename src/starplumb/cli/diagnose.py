@@ -34,8 +34,10 @@ def diagnose(
 
     Examples:
 
+      \b
       starplumb diagnose campaign.toml
 
+      \b
       starplumb diagnose campaign.toml --json
     """
     from ..diagnosis import diagnose as run
@@ -51,13 +53,14 @@ def diagnose(
 
 def _written(loaded: LoadedCampaign) -> Written:
     """How the campaign's files say what they hold."""
-    from ..io.config import CAMERA
+    from ..io.attitude_config import CAMERA
     from ..mistakes import Written
 
     config = loaded.config
+    attitude = next(iter(config.attitudes.values()))
     return Written(
         time_scale=config.campaign.time_scale,
-        attitude_to_tracker=config.attitude.target == config.tracker,
+        attitude_to_tracker=attitude.target == attitude.tracker,
         mounting_from_camera=config.mounting.source == CAMERA,
     )
 

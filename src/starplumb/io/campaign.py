@@ -13,13 +13,15 @@ from starplumb.campaign import Campaign, Detections, Sightings
 from starplumb.corrections import Corrections
 from starplumb.errors import InputError
 from starplumb.orientation import EarthOrientation
-from starplumb.units import ARCSEC, DEG
+from starplumb.units import ARCSEC
 
 from . import markers, motion
+from .attitude import Exposures, model_mounting, read_attitude
+from .attitude_config import Mounting
 from .camera import pixel_shift, read_camera
-from .config import CAMERA, CampaignConfig, Mounting
+from .config import CampaignConfig
 from .files import fingerprint, trouble
-from .tables import Array, Epochs
+from .tables import Array
 from .toml import check, read_toml, refuse
 
 _EXACT = 1e-6
@@ -85,39 +87,10 @@ def load_campaign(path: Path, *, with_detections: bool = False) -> LoadedCampaig
     return LoadedCampaign(campaign, config, inputs, tuple(notices), orientation, detections)
 
 
-def model_mounting(config: Mounting) -> Array:
-    """C_EK of the [mounting] section, whichever way it is written and whichever direction it has."""
-    if config.quaternion_xyzw is not None:
-        C = so3.from_quaternion(config.quaternion_xyzw)
-    elif config.quaternion_wxyz is not None:
-        C = so3.from_quaternion(np.roll(config.quaternion_wxyz, -1))
-    elif config.matrix is not None:
-        C = so3.nearest(config.matrix)
-    elif config.rotation_vector_deg is not None:
-        C = so3.exp(DEG * np.array(config.rotation_vector_deg))
-    elif config.euler_deg is not None and config.euler_order is not None:
-        C = _from_euler(config.euler_deg, config.euler_order)
-    else:
-        raise ValueError("the mounting states no rotation")
-    return C if config.source == CAMERA else C.mT
-
-
-def _from_euler(angles_deg: tuple[float, ...], order: str) -> Array:
-    """Product of the three turns, in the order written about turned axes (capitals), else about fixed
-    ones."""
-    axes = np.eye(3)
-    turns = [
-        so3.exp(a * DEG * axes["xyz".index(axis)]) for a, axis in zip(angles_deg, order.lower(), strict=True)
-    ]
-    first, second, third = turns if order.isupper() else reversed(turns)
-    return np.asarray(first @ second @ third)
-
-
 def _named(config: CampaignConfig) -> dict[str, str]:
     """Key and name of every file of the campaign."""
     named = {
         "ephemeris.file": config.ephemeris.file,
-        "attitude.file": config.attitude.file,
         "landmarks.file": config.landmarks.file,
         "images.file": config.images.file,
     }
@@ -127,7 +100,8 @@ def _named(config: CampaignConfig) -> dict[str, str]:
         "detections.file": config.detections and config.detections.file,
         "earth.orientation_file": config.earth and config.earth.orientation_file,
     }
-    return named | {key: name for key, name in optional.items() if name}
+    attitudes = {f"{key}.file": section.file for key, section in config.attitudes.items()}
+    return named | attitudes | {key: name for key, name in optional.items() if name}
 
 
 def _locate(config: CampaignConfig, path: Path) -> dict[str, Path]:
@@ -149,7 +123,7 @@ def _fingerprints(name: str, place: Path) -> dict[str, str]:
 
 def _orientation(config: CampaignConfig, files: dict[str, Path]) -> EarthOrientation | None:
     """The Earth's orientation where a frame of the campaign is inertial."""
-    frames = (config.ephemeris.frame, config.attitude.source, config.attitude.target)
+    frames = {config.ephemeris.frame}.union(*((a.source, a.target) for a in config.attitudes.values()))
     return EarthOrientation.load(files.get("earth.orientation_file")) if "GCRF" in frames else None
 
 
@@ -175,7 +149,9 @@ def _assemble(
     ephemeris = motion.read_ephemeris(
         files["ephemeris.file"], config.ephemeris, scale, images.t_ns, orientation, notices
     )
-    samples = motion.read_attitude(files["attitude.file"], config.attitude, scale, notices)
+    marks = sightings if detections is None else detections
+    exposures = Exposures(images, marks.image, images.exposed(marks.image, marks.row_px))
+    attitude, cov_attitude_E = read_attitude(path, config, files, orientation, exposures, notices)
     notices += _rounded(config.mounting, path)
     if config.earth is not None and orientation is None:
         notices.append(
@@ -190,8 +166,8 @@ def _assemble(
         ephemeris=ephemeris,
         sigma_position=np.array(config.ephemeris.sigma_m),
         position_frame=config.ephemeris.frame,
-        attitude=motion.attitude_series(samples, config.attitude, orientation),
-        cov_attitude_E=_cov_attitude(config, samples, images.t_ns, notices, path),
+        attitude=attitude,
+        cov_attitude_E=cov_attitude_E,
         landmarks=landmarks,
         images=images,
         sightings=sightings,
@@ -204,22 +180,6 @@ def _assemble(
 def _no_sightings() -> Sightings:
     index, value = np.empty(0, dtype=np.int64), np.empty(0)
     return Sightings(index, index, value, value, value, np.empty(0, dtype=np.bool_))
-
-
-def _cov_attitude(
-    config: CampaignConfig, samples: motion.AttitudeSamples, t_ns: Epochs, notices: list[str], path: Path
-) -> Array:
-    """From the table's own sigmas at the images, else the campaign's; one of them must be stated."""
-    stated, own = config.attitude.sigma_arcsec, motion.sigma_at(samples, t_ns)
-    if own is None and stated is None:
-        raise InputError(
-            f"{path}: attitude.sigma_arcsec: missing, wanted one number or three, which the solution needs "
-            f"(or the columns {', '.join(motion.SIGMA_ATTITUDE)} in {config.attitude.file})"
-        )
-    if own is not None and stated is not None:
-        notices.append(f"{path}: attitude.sigma_arcsec gives way to the sigmas in {config.attitude.file}")
-    sigma = own if own is not None else ARCSEC * np.array(stated)
-    return sigma[..., None] ** 2 * np.eye(3)
 
 
 def _rounded(config: Mounting, path: Path) -> list[str]:

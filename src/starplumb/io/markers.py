@@ -120,7 +120,14 @@ def read_images(path: Path, scale: str, scans: bool, notices: list[str]) -> Imag
     elif period is not None:
         notices.append(f"{path}: ignored the column line_period_s, which a frame camera has not")
         period = None
-    return Images(tuple(table.texts["image_id"]), epochs(table, scale), period, name=str(path))
+    tracker = table.texts.get("tracker")
+    return Images(
+        tuple(table.texts["image_id"]),
+        epochs(table, scale),
+        period,
+        str(path),
+        None if tracker is None else tuple(tracker),
+    )
 
 
 def read_observations(

@@ -15,7 +15,8 @@ from starplumb.series import Attitude, Ephemeris
 from starplumb.timescales import format_iso
 from starplumb.units import ARCSEC
 
-from .config import AttitudeConfig, EphemerisConfig
+from .attitude_config import AttitudeConfig
+from .config import EphemerisConfig
 from .files import show
 from .frames import earth_frame
 from .markers import CARTESIAN, epochs, require_radius
@@ -83,15 +84,17 @@ def read_ephemeris(
         raise InputError(f"{path}: {error}") from None
 
 
-def read_attitude(path: Path, config: AttitudeConfig, scale: str, notices: list[str]) -> AttitudeSamples:
-    """The attitude as C_EF, E the star tracker's frame and F the Earth's or the inertial one."""
+def read_attitude(
+    path: Path, config: AttitudeConfig, scale: str, notices: list[str], key: str = "attitude"
+) -> AttitudeSamples:
+    """The attitude as C_EF of the section ``key``, E the star tracker's frame and F the Earth's or the inertial one."""
     if path.suffix.lower() == ".csv":
         return _csv_attitude(path, config, scale, notices)
     from .aem import read_aem
 
     table = read_aem(path)
     notices += table.notices
-    return _standard_attitude(path, config, table, notices)
+    return _standard_attitude(path, config, table, notices, key)
 
 
 def earth_fixed(
@@ -191,14 +194,14 @@ def _csv_attitude(path: Path, config: AttitudeConfig, scale: str, notices: list[
 
 
 def _standard_attitude(
-    path: Path, config: AttitudeConfig, table: AttitudeTable, notices: list[str]
+    path: Path, config: AttitudeConfig, table: AttitudeTable, notices: list[str], section: str
 ) -> AttitudeSamples:
     """A file that names its frames must lead from and to where the campaign says; a tracker may have another
     name."""
     for key, stated, word in (("from", config.source, table.frame_a), ("to", config.target, table.frame_b)):
         if earth_frame(word) != earth_frame(stated):
             raise InputError(
-                f"{path}: found the frame {show(word)}, wanted {show(stated)} as attitude.{key} says"
+                f"{path}: found the frame {show(word)}, wanted {show(stated)} as {section}.{key} says"
             )
         if earth_frame(word) is None and word != stated:
             notices.append(f"{path}: took its frame {word} for {stated}, the name in the campaign")
@@ -224,12 +227,3 @@ def attitude_series(
     return Attitude(
         samples.t_ns, samples.q_EF, samples.frame, inertial, config.max_gap_s, samples.name, samples.starts
     )
-
-
-def sigma_at(samples: AttitudeSamples, t_ns: Epochs) -> Array | None:
-    """Sigmas (m, 3) at epochs (m,), linear between the samples'; None where the table has none of its own."""
-    if samples.sigma is None:
-        return None
-    seconds = (samples.t_ns - samples.t_ns[0]) * 1e-9
-    at = (t_ns - samples.t_ns[0]) * 1e-9
-    return np.stack([np.interp(at, seconds, column) for column in samples.sigma.T], axis=-1)

@@ -24,8 +24,8 @@ from starplumb.sources import Distribution
 from starplumb.timescales import parse
 from starplumb.units import ARCSEC, DEG
 
+from .attitude import model_mounting
 from .camera import read_camera
-from .campaign import model_mounting
 from .config import EphemerisConfig
 from .files import nearest
 from .scenario_config import MarkersConfig, OrbitConfig, ScenarioConfig

@@ -10,7 +10,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field
 
-from .config import CameraConfig, CorrectionsConfig, Mounting
+from .attitude_config import Mounting
+from .config import CameraConfig, CorrectionsConfig
 from .files import show
 from .scenario_error_config import (
     ErrorConfig,

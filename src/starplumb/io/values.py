@@ -78,6 +78,17 @@ def printable(value: object) -> object:
     return value
 
 
+def file_name(*endings: str) -> Callable[[object], object]:
+    """Validator of a file name whose ending tells one of the formats that a section reads."""
+
+    def check(value: object) -> object:
+        if isinstance(value, str) and not value.lower().endswith(endings):
+            raise wrong(value, f"a file name ending in {', '.join(endings)}")
+        return printable(value)
+
+    return check
+
+
 def frame_name(value: object) -> object:
     """J2000 is read as a synonym of GCRF (the frame bias between them is 0.02 arcsec)."""
     return "GCRF" if value == "J2000" else value

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -13,17 +12,15 @@ from starplumb.camera import FrameCamera, LineScanCamera
 from starplumb.campaign import Campaign, Detections, Landmarks
 from starplumb.corrections import inertial_velocity
 from starplumb.earth import C_JT, itrf_to_geodetic
-from starplumb.timescales import format_iso
 from starplumb.units import ARCSEC, DEG, MM, UM
 
-from .config import CAMERA
+from .attitude_config import CAMERA
 from .markers import CARTESIAN, GEODETIC, SIGMA_ENU
-from .motion import QUATERNION, SIGMA_ATTITUDE, VELOCITY
-from .tables import Array, Epochs
+from .motion import VELOCITY
+from .tables import Array
+from .toml_text import Sections, document_text, in_unit
 from .write import csv_text, publish
-
-_ALONG_AXES = 1e-6
-"""Correlation that a table of three sigmas may leave out."""
+from .write_attitude import along_axes, attitude_files, attitude_sections, gap, times
 
 
 def write_campaign(
@@ -46,7 +43,7 @@ def write_campaign(
     """
     files = {
         "ephemeris.csv": _ephemeris(campaign, time_scale),
-        "attitude.csv": _attitude(campaign, time_scale),
+        **attitude_files(campaign, time_scale),
         "landmarks.csv": _landmarks(campaign.landmarks),
         "images.csv": _images(campaign, time_scale),
     }
@@ -61,9 +58,8 @@ def write_campaign(
         files["detections.csv"] = _detections(campaign.images.ids, detections)
     sections = _sections(campaign, time_scale, tracker, "detections" if detections else "observations")
     if C_EK_true is not None:
-        sections["truth"] = {"quaternion_xyzw": so3.to_quaternion(C_EK_true)}
-    head = "".join(f"# {line}\n" for line in comment.splitlines())
-    files["campaign.toml"] = head + "\n".join(_section(name, keys) for name, keys in sections.items())
+        sections = [*sections, ("truth", {"quaternion_xyzw": so3.to_quaternion(C_EK_true)})]
+    files["campaign.toml"] = document_text(sections, comment)
     publish(folder, files)
     return folder / "campaign.toml"
 
@@ -74,29 +70,16 @@ def _ephemeris(campaign: Campaign, scale: str) -> str:
         C_IJ = campaign.orientation.C_IJ(t_ns)
         v = None if v is None else np.einsum("nij,nj->ni", C_IJ, inertial_velocity(r, v))
         r = np.einsum("nij,nj->ni", C_IJ, r)
-    header, columns = ["time", *CARTESIAN], [_times(t_ns, scale), *r.T]
+    header, columns = ["time", *CARTESIAN], [times(t_ns, scale), *r.T]
     if v is not None:
         header, columns = [*header, *VELOCITY], [*columns, *v.T]
-    return csv_text(header, columns)
-
-
-def _attitude(campaign: Campaign, scale: str) -> str:
-    attitude = campaign.attitude
-    header, columns = ["time", *QUATERNION], [_times(attitude.t_ns, scale), *attitude.q_EF.T]
-    stated = _along_axes(campaign.cov_attitude_E, "the attitude's covariance is not along the axes of E")
-    if stated.ndim == 2:
-        order = np.argsort(campaign.images.t_ns)
-        at = (attitude.t_ns - attitude.t_ns[0]) * 1e-9
-        known = (campaign.images.t_ns[order] - attitude.t_ns[0]) * 1e-9
-        sigmas = [np.interp(at, known, sigma) / ARCSEC for sigma in stated[order].T]
-        header, columns = [*header, *SIGMA_ATTITUDE], [*columns, *sigmas]
     return csv_text(header, columns)
 
 
 def _landmarks(landmarks: Landmarks) -> str:
     latitude, longitude, height = itrf_to_geodetic(landmarks.r_J)
     C = C_JT(latitude, longitude)
-    exact = _along_axes(
+    exact = along_axes(
         C.mT @ landmarks.covariance_J @ C, "a landmark's covariance is not along east, north and up"
     )
     # turning J into T and back costs a few last digits
@@ -107,21 +90,14 @@ def _landmarks(landmarks: Landmarks) -> str:
     return csv_text(("landmark_id", *GEODETIC, *names), (landmarks.ids, *place, *sigmas.T))
 
 
-def _along_axes(covariance: Array, complaint: str) -> Array:
-    """Sigmas (..., 3) of covariances (..., 3, 3); ValueError where more than they is in them."""
-    variance = np.diagonal(covariance, axis1=-2, axis2=-1)
-    left_out = covariance - variance[..., None, :] * np.eye(3)
-    if np.any(np.abs(left_out) > _ALONG_AXES * np.max(variance, axis=-1)[..., None, None]):
-        raise ValueError(complaint)
-    return np.sqrt(variance)
-
-
 def _images(campaign: Campaign, scale: str) -> str:
     images = campaign.images
-    header, columns = ("image_id", "time"), (images.ids, _times(images.t_ns, scale))
-    if images.line_period_s is None:
-        return csv_text(header, columns)
-    return csv_text((*header, "line_period_s"), (*columns, images.line_period_s))
+    columns: dict[str, Sequence[object]] = {"image_id": images.ids, "time": times(images.t_ns, scale)}
+    if images.line_period_s is not None:
+        columns["line_period_s"] = images.line_period_s.tolist()
+    if images.tracker is not None:
+        columns["tracker"] = images.tracker
+    return csv_text(tuple(columns), tuple(columns.values()))
 
 
 def _observations(campaign: Campaign) -> str:
@@ -142,34 +118,23 @@ def _detections(images: tuple[str, ...], d: Detections) -> str:
     )
 
 
-def _times(t_ns: Epochs, scale: str) -> list[str]:
-    return format_iso(t_ns, scale, digits=9)
-
-
-def _sections(campaign: Campaign, scale: str, tracker: str, measured: str) -> dict[str, Mapping[str, object]]:
-    attitude = campaign.attitude
-    return {
-        "campaign": {"name": campaign.name, "time_scale": scale},
-        "camera": _camera(campaign),
-        "mounting": _mounting(campaign, tracker),
-        "ephemeris": {
-            "file": "ephemeris.csv",
-            "frame": campaign.position_frame,
-            "sigma_m": campaign.sigma_position,
-        }
-        | _gap(campaign.ephemeris.gap_s),
-        "attitude": {"file": "attitude.csv", "from": attitude.frame, "to": tracker}
-        | (
-            {"sigma_arcsec": _in_unit(np.sqrt(np.diagonal(campaign.cov_attitude_E)), ARCSEC)}
-            if campaign.cov_attitude_E.ndim == 2
-            else {}
-        )
-        | _gap(attitude.gap_s),
-        "landmarks": {"file": "landmarks.csv"},
-        "images": {"file": "images.csv"},
-        measured: {"file": f"{measured}.csv"},
-        "corrections": vars(campaign.corrections),
+def _sections(campaign: Campaign, scale: str, tracker: str, measured: str) -> Sections:
+    ephemeris = {
+        "file": "ephemeris.csv",
+        "frame": campaign.position_frame,
+        "sigma_m": campaign.sigma_position,
     }
+    return [
+        ("campaign", {"name": campaign.name, "time_scale": scale}),
+        ("camera", _camera(campaign)),
+        ("mounting", _mounting(campaign, tracker)),
+        ("ephemeris", ephemeris | gap(campaign.ephemeris.gap_s)),
+        *attitude_sections(campaign, tracker),
+        ("landmarks", {"file": "landmarks.csv"}),
+        ("images", {"file": "images.csv"}),
+        (measured, {"file": f"{measured}.csv"}),
+        ("corrections", vars(campaign.corrections)),
+    ]
 
 
 def _camera(campaign: Campaign) -> dict[str, object]:
@@ -182,8 +147,8 @@ def _camera(campaign: Campaign) -> dict[str, object]:
         raise ValueError(f"a {type(camera).__name__} cannot be written")
     optics: dict[str, object] = {
         "model": "frame",
-        "focal_length_mm": _in_unit(camera.focal_length, MM),
-        "pixel_pitch_um": _in_unit(camera.pitch, UM),
+        "focal_length_mm": in_unit(camera.focal_length, MM),
+        "pixel_pitch_um": in_unit(camera.pitch, UM),
         "image_size_px": [int(n) for n in camera.size_px],
         "principal_point_px": list(camera.principal_point_px),
     }
@@ -199,53 +164,5 @@ def _mounting(campaign: Campaign, tracker: str) -> dict[str, object]:
         "quaternion_xyzw": so3.to_quaternion(campaign.C_EK),
     }
     if campaign.sigma_mounting is not None:
-        keys["sigma_arcsec"] = _in_unit(campaign.sigma_mounting, ARCSEC)
+        keys["sigma_arcsec"] = in_unit(campaign.sigma_mounting, ARCSEC)
     return keys
-
-
-def _gap(gap_s: float | None) -> dict[str, object]:
-    return {} if gap_s is None else {"max_gap_s": gap_s}
-
-
-def _in_unit(value: float | Array, unit: float) -> list[float] | float:
-    """Numbers that, times ``unit``, give ``value`` again to the last bit where there are such, the shortest first."""
-    if isinstance(value, np.ndarray):
-        return [float(np.asarray(_in_unit(float(x), unit))) for x in value]
-    ratio = value / unit
-    near = (
-        float(f"{ratio:.12g}"),
-        ratio,
-        float(np.nextafter(ratio, np.inf)),
-        float(np.nextafter(ratio, -np.inf)),
-    )
-    return next((x for x in near if x * unit == value), ratio)
-
-
-_COMMENTS = {
-    "quaternion_xyzw": "scalar last; takes camera coordinates to the star tracker's",
-    "sigma_m": "one image's markers share it",
-    "image_size_px": "columns, rows",
-    "principal_point_px": "column, row; (0, 0) is the centre of the first pixel",
-    "aberration": "false where the attitude contains it already",
-}
-
-
-def _section(name: str, keys: Mapping[str, object]) -> str:
-    lines = [f"{key} = {_value(value)}" for key, value in keys.items()]
-    notes = [f"  # {_COMMENTS[key]}" if key in _COMMENTS else "" for key in keys]
-    return "\n".join([f"[{name}]", *(line + note for line, note in zip(lines, notes, strict=True))]) + "\n"
-
-
-def _value(value: object) -> str:
-    """A TOML value."""
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, float):
-        return repr(float(value))
-    if isinstance(value, str):
-        return json.dumps(value, ensure_ascii=False)
-    if isinstance(value, Mapping):
-        return "{ " + ", ".join(f"{key} = {_value(item)}" for key, item in value.items()) + " }"
-    if isinstance(value, list | tuple | np.ndarray):
-        return "[" + ", ".join(_value(item) for item in value) + "]"
-    return str(value)
