@@ -40,9 +40,9 @@ def test_nothing_left_over_is_no_contradiction():
 
 
 def test_sigmas_about_the_cameras_axes_by_hand():
-    """Camera x along the tracker's y: what is known about E's y is known about K's x."""
-    C_EK = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    np.testing.assert_allclose(boresight_sigmas(C_EK, np.diag([1.0, 4.0, 9.0])), [2.0, 1.0, 3.0])
+    """Camera x, y, z along the tracker's y, z, x: what is known about E's y is known about K's x."""
+    C_EK = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    np.testing.assert_allclose(boresight_sigmas(C_EK, np.diag([1.0, 4.0, 9.0])), [2.0, 3.0, 1.0])
 
 
 def test_field_radius_by_hand(rng):

@@ -129,16 +129,17 @@ def test_earth_fixed_position_sigmas_stay_where_they_are():
 
 
 def test_inertial_position_sigmas_are_turned_with_the_earth():
-    """An Earth turned by a quarter brings the inertial x axis onto minus y of the Earth."""
-    quarter_ns = np.int64(round(0.5 * np.pi / 7.292115e-5 * 1e9))
+    """An error along the inertial x axis, seen from an Earth turned by 30 deg, lies at -30 deg of longitude."""
+    turn_ns = np.int64(round(30 * DEG / 7.292115e-5 * 1e9))
     campaign = truth(FRAME, images=1, markers=1)
     campaign = replace(
         campaign,
         position_frame="GCRF",
-        sigma_position=np.array([1.0, 2.0, 3.0]),
-        images=replace(campaign.images, t_ns=np.array([quarter_ns])),
+        sigma_position=np.array([2.0, 0.0, 0.0]),
+        images=replace(campaign.images, t_ns=np.array([turn_ns])),
     )
-    np.testing.assert_allclose(position_covariance(campaign)[0], np.diag([4.0, 1.0, 9.0]), atol=1e-5)
+    along = 2.0 * np.array([np.cos(30 * DEG), -np.sin(30 * DEG), 0.0])
+    np.testing.assert_allclose(position_covariance(campaign)[0], np.outer(along, along), atol=1e-6)
 
 
 def test_the_table_states_the_campaigns_errors():
