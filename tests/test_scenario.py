@@ -148,7 +148,7 @@ def test_a_mistake_is_one_sentence_with_file_and_key(write, changes, more, said)
 
 
 def test_an_unknown_name_is_told_the_shipped_ones():
-    with pytest.raises(InputError, match="did you mean vhr-0.3m"):
+    with pytest.raises(InputError, match=r"did you mean vhr-0\.3m"):
         find_scenario("vhr-03m")
 
 
@@ -215,6 +215,19 @@ def test_ground_displacement_of_a_roll_is_range_times_angle(write):
     )
     move = scenario.ground_m[0] @ scenario.C_EK_true @ np.array([1e-6, 0.0, 0.0])
     assert np.linalg.norm(move) == pytest.approx(1e-6 * scenario.truth.range_m[0], rel=2e-3)
+
+
+def test_a_line_scanner_sees_the_markers_of_a_site_that_lie_in_its_strip(write):
+    """A strip of 4096 rows of 5.6 m is 23 km long: of markers 20 km apart along the track it holds one, not all."""
+    changes = [
+        ('model = "frame"', 'model = "line-scan"'),
+        ("yaw_deg = [0.0, 90.0, 0.0]", "yaw_deg = 0.0"),
+        ("count = [3, 2]", "count = [1, 11]"),
+        ("extent_km = [12.0, 10.0]", "extent_km = [1.0, 200.0]"),
+    ]
+    scenario = load_scenario(write(*changes))
+    assert np.bincount(scenario.truth.image).tolist() == [1, 1, 1, 1, 1]
+    assert scenario.truth.n_landmarks == 11
 
 
 # -- error sources ----------------------------------------------------------------------------------------------------
@@ -375,7 +388,7 @@ def test_stated_errors_may_differ_from_the_true_ones(write):
 
 
 def test_focal_error_scales_the_field_and_a_late_clock_shifts_along_the_track(write):
-    """By hand: a focal length stated 1000 ppm too long shrinks tangents by 1000 ppm; 1 ms late is 7 m along the track."""
+    """By hand: a focal length 300 ppm too long shrinks tangents by 300 ppm; 1 ms late is 7 m along the track."""
     scenario = load_scenario(write(more=EVERY))
     o = scenario.truth
     focal = source(scenario, "focal")

@@ -172,16 +172,22 @@ def test_killed_at_random_moments_and_resumed_the_summary_is_the_same_to_the_bit
     """The command itself, killed without warning; every resumption must add to what is there."""
 
     def command(out):
-        return [sys.executable, "-c", "from starplumb.cli import main; main()", "simulate", "two-images", "--trials", "4000", "--chunk", "100",
-                "--seed", "11", "--workers", "1", "--methods", "gls", "--quiet", "--out", str(out)]  # fmt: skip
+        run_it = [sys.executable, "-c", "from starplumb.cli import main; main()", "simulate", "two-images"]
+        options = ["--trials", "4000", "--chunk", "100", "--seed", "11", "--workers", "1", "--methods", "gls"]
+        return [*run_it, *options, "--quiet", "--out", str(out)]
 
     subprocess.run(command(tmp_path / "whole"), check=True)
+    assert (tmp_path / "whole" / "summary.json").exists()
     pauses = random.Random(4)
     cut = tmp_path / "cut"
+
+    def count():
+        return len(list(cut.glob("chunks/*.npz")))
+
     for _ in range(4):
         process = subprocess.Popen(command(cut))
         deadline = time.monotonic() + 60.0
-        before = len(list(cut.glob("chunks/*.npz")))
+        before = count()
         while (
             len(list(cut.glob("chunks/*.npz"))) <= before
             and process.poll() is None
@@ -342,7 +348,7 @@ def test_an_absent_cluster_is_one_sentence(two_images, tmp_path, monkeypatch):
         raise OSError("refused")
 
     monkeypatch.setattr(distributed, "Client", refuse)
-    with pytest.raises(InputError, match="found no Dask scheduler at tcp://127.0.0.1:9"):
+    with pytest.raises(InputError, match=r"found no Dask scheduler at tcp://127\.0\.0\.1:9"):
         run(Store.open(tmp_path, Study(two_images, {"gls": Gls()}, 1, 10)), Dask("tcp://127.0.0.1:9"))
 
 

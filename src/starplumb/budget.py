@@ -63,7 +63,7 @@ class Share:
 
 @dataclass(frozen=True)
 class Budget:
-    """Budget of one estimator: ``true_E`` (3, 3) rad^2 the covariance it has, ``stated_E`` the one it states or None."""
+    """Budget of one estimator: ``true_E`` (3, 3) rad^2 the covariance it has, ``stated_E`` what it states or None."""
 
     true_E: Array
     stated_E: Array | None

@@ -235,7 +235,7 @@ def measured(campaign: Campaign, errors: Errors, C_EK_model: Array) -> Campaign:
 
 
 def site_grid(latitude: float, longitude: float, height: ArrayLike, east_north: Array) -> Array:
-    """Points p_J (L, 3) on the ground at offsets east, north (L, 2) m from a site (rad), at heights above the ellipsoid.
+    """Points p_J (L, 3) at offsets east, north (L, 2) m from a site (rad), at heights above the ellipsoid.
 
     The offsets are laid along the surface, so the points follow its curvature.
     """

@@ -8,6 +8,8 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from itertools import islice
+from multiprocessing import parent_process
+from threading import Thread
 from typing import TYPE_CHECKING, Any, Protocol
 
 from .errors import InputError
@@ -45,7 +47,16 @@ _study: Study | None = None
 def _start_worker(study: Study) -> None:
     global _study
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent stops its workers
+    Thread(target=_end_with_parent, daemon=True).start()
     _study = study
+
+
+def _end_with_parent() -> None:
+    """A parent that is killed cannot stop its workers; they would wait for it for ever."""
+    parent = parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
 
 
 def _run_in_worker(c: int) -> Arrays:

@@ -1,0 +1,78 @@
+"""The commands ``simulate`` and ``budget`` as a user meets them."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from typer.testing import CliRunner
+
+from starplumb.cli.app import app
+from starplumb.errors import InputError
+
+SIMULATE = ["simulate", "two-images", "--seed", "3", "--workers", "1", "--methods", "gls"]
+
+
+def call(*arguments):
+    """Standard output of a command that ends well; a user's mistake is raised."""
+    result = CliRunner().invoke(app, list(arguments), catch_exceptions=False)
+    assert result.exit_code == 0, result.output
+    return result.stdout
+
+
+def test_json_is_a_document_and_the_summary_beside_it_the_same(tmp_path):
+    printed = call(*SIMULATE, "--trials", "300", "--samples", "none", "--json", "--out", str(tmp_path))
+    document = json.loads(printed)
+    assert document == json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))
+    assert document["schema"] == "starplumb-simulation/1"
+    assert document["trials"] == 300
+    assert document["methods"]["gls"]["axes"]["z"]["sigma_arcsec"]["value"] == pytest.approx(40.6, rel=0.15)
+    assert not list(tmp_path.glob("*.part"))
+
+
+def test_table_and_verdict_are_printed_for_a_person():
+    printed = call(*SIMULATE, "--trials", "500")
+    for part in (
+        "gls in two-images, 500 trials",
+        "error / stated",
+        "Cramer-Rao",
+        "the stated covariance is right",
+        "CE90",
+    ):
+        assert part in " ".join(printed.split())
+
+
+def test_precision_chooses_the_trials():
+    """t = 3: n = 9 / (2 eps^2)."""
+    assert json.loads(call(*SIMULATE, "--precision", "0.1", "--json"))["trials"] == 450
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--trials", "10", "--precision", "0.1"], "--precision: found beside --trials"),
+        (["--trials", "10", "--methods", "glss"], "did you mean gls"),
+        (["--trials", "10", "--methods", ","], "--methods: found none"),
+        (["--trials", "10", "--samples", "csv", "--out", "x"], "--samples: found 'csv'"),
+        (["--trials", "10", "--seed", str(2**64)], "--seed: found"),
+    ],
+)
+def test_a_mistake_is_one_sentence(arguments, said):
+    with pytest.raises(InputError, match=said):
+        call("simulate", "two-images", *arguments)
+
+
+def test_budget_prints_contributions_and_writes_its_document(tmp_path):
+    printed = call("budget", "two-images", "--target", "2.4", "--out", str(tmp_path))
+    for part in (
+        "gls in two-images",
+        "tracker 1 z",
+        "sigma it has",
+        "badly determined",
+        "for 2.4 arcsec",
+        "not enough alone",
+    ):
+        assert part in " ".join(printed.split())
+    document = json.loads((tmp_path / "budget.json").read_text(encoding="utf-8"))
+    assert document["schema"] == "starplumb-budget/1"
+    assert document == json.loads(call("budget", "two-images", "--target", "2.4", "--json"))
