@@ -199,6 +199,7 @@ def _publish(store: Store, out: Path | None, format: Any, speak: Output) -> dict
     from ..io.samples import write_samples
     from ..io.write import json_text, publish
     from ..report import simulation_page
+    from ..study_figures import figures
     from ..study_summary import summarise
 
     document: dict[str, Any] = summarise(store)
@@ -208,19 +209,8 @@ def _publish(store: Store, out: Path | None, format: Any, speak: Output) -> dict
         speak.detail("no samples are written")
     write_samples(store, out, format)
     files = {"summary.json": json_text(document), "report.html": simulation_page(document)}
-    publish(out, files | _figures(document, speak))
+    publish(out, files | figures(document))
     return document
-
-
-def _figures(document: dict[str, Any], speak: Output) -> dict[str, str]:
-    from importlib.util import find_spec
-
-    if find_spec("matplotlib") is None:
-        speak.notices(["no figures are drawn without matplotlib: pip install 'starplumb[report]'"])
-        return {}
-    from ..study_figures import figures
-
-    return figures(document)
 
 
 def _tables(document: dict[str, Any]) -> Iterator[Table]:

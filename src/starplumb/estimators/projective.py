@@ -45,7 +45,7 @@ class Projective:
 
         c_1 = (a_1, a_4, -a_7)/q,   c_2 = (a_2, a_5, -a_8)/q,   c_3 = c_1 x c_2,   r_E = Z*/q (-a_3, -a_6, 1)
 
-    The constraints (10), |c_1| = |c_2| and c_1 . c_2 = 0, hold but for noise: q is the mean of the two
+    The constraints (10), ``|c_1| = |c_2|`` and ``c_1 . c_2 = 0``, hold but for noise: q is the mean of the two
     lengths and C' the nearest rotation.  ``C_EK = C_EJ C_JT C'^T D``, (13).
 
     ``heights="removed"`` carries each marker along the line of sight from the measured position onto Z = 0;
