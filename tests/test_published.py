@@ -7,6 +7,7 @@ import json
 import numpy as np
 import pytest
 
+from command import starplumb
 from starplumb import so3
 from starplumb.earth import geodetic_to_itrf, itrf_to_geodetic
 from starplumb.errors import InputError
@@ -299,3 +300,23 @@ def test_the_document_is_json_without_nan():
 def test_a_wrong_request_is_one_sentence(names, trials, complaint):
     with pytest.raises(InputError, match=complaint):
         list(reproduce(names, trials, 1))
+
+
+def test_the_command_prints_the_table_and_writes_the_same_document(tmp_path):
+    table = starplumb("reproduce", "totals", "--trials", "300", "--seed", "4", "--out", tmp_path)
+    assert table.status == 0
+    assert "algorithm 4 (cross products)" in table.out
+    assert "(6.09)" in table.out
+    assert "Rows: " in table.out
+    written = json.loads((tmp_path / "reproduce.json").read_text())
+    assert list(tmp_path.iterdir()) == [tmp_path / "reproduce.json"]
+    printed = starplumb("reproduce", "totals", "--trials", "300", "--seed", "4", "--json")
+    assert json.loads(printed.out) == written
+    assert written["tables"][0]["rows"][0]["published"] == [6.09, 6.09, 8.36, 11.98]
+
+
+def test_the_command_refuses_a_table_that_does_not_exist():
+    refused = starplumb("reproduce", "table7")
+    assert refused.status == 2
+    assert refused.err.count("\n") == 1
+    assert "'table7'" in refused.err

@@ -96,6 +96,9 @@ def _cells(row: Row) -> list[str]:
 
 
 def _figure(value: float) -> str:
+    """Three digits; what is only rounding in figures of some arcseconds is zero."""
+    if abs(value) < 1e-7:
+        return "0"
     return f"{value:.3g}" if abs(value) < 1000.0 else f"{value:.4g}"
 
 

@@ -110,7 +110,8 @@ class Observer:
     """Carry P as U D U^T; otherwise as its upper triangle.  Both stay symmetric; the full matrix in plain form does
     not, and diverges in 2 % of runs by 20 cycles."""
     compiled: bool = False
-    """Run the same formulas compiled by numba (the extra ``fast``): worth its start from some 10^5 runs on."""
+    """Run the same formulas compiled by numba (the extra ``fast``): worth the seconds of its start from half a million
+    runs on."""
     settle: float = 5.0 * ARCSEC
     """rad: change by a cycle below which the estimate counts as settled."""
     covariance_draws: int = 0

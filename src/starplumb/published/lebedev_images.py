@@ -49,7 +49,7 @@ def _against_images(name: str, figure: str, trials: int, rng: np.random.Generato
         table = _truth(setting, nadir, count, refined, rng, trials)
         measured = measure(table, C_EK_TRUE, _errors(setting, table, rng, trials))
         figures = [float(row[f"{figure}_{axis}_arcsec"]) for axis in COLUMNS]
-        label = f"{count} images{', refined resolution' if refined else ''}"
+        label = f"{count} image{'s' * (count > 1)}{', refined resolution' if refined else ''}"
         ours = _series(CrossProduct(covariance="none")(measured, C_EK_TRUE).C_EK, figure, setting["runs"])
         allowance = np.array(setting["tolerance"]) * ours.value
         rows.append(judge(label, COLUMNS, figures, ours, allowance, setting["why"]))
@@ -86,20 +86,20 @@ def _truth(
         np.repeat(np.arange(count), setting["markers"]),
         PIXEL / (setting["focal_length_mm"] * MM),
         attitude_E=np.diag(np.array(setting["sigma_attitude_arcsec"]) * ARCSEC) ** 2,
-        position=setting["sigma_common_m"],
+        position=0.0,
         landmark=0.0,
         pixel=noise / PIXEL,
     )
 
 
 def _errors(setting: Mapping[str, Any], table: Observations, rng: np.random.Generator, trials: int) -> Errors:
-    """Errors as stated, but one position error for all images, and one more attitude error for all late ones."""
+    """Errors as stated, one position error for all images, and one more attitude error for all late ones."""
     errors = Errors.draw(table, rng, (trials,))
     late = np.arange(table.n_images) >= setting["good_images"]
     shared = np.array(setting["sigma_shared_arcsec"]) * ARCSEC * rng.standard_normal((trials, 1, 3))
     return replace(
         errors,
-        rho_J=np.repeat(errors.rho_J[:, :1], table.n_images, axis=1),
+        rho_J=errors.rho_J + setting["sigma_common_m"] * rng.standard_normal((trials, 1, 3)),
         alpha_E=errors.alpha_E + late[:, None] * shared,
     )
 
@@ -108,7 +108,8 @@ def _with_shared_error(setting: Mapping[str, Any], measured: Observations) -> tu
     """``gls`` of the good images and of the late ones, joined with the shared error in the weight of the latter.
 
     Returns the mountings (..., 3, 3) and the standard deviations (3,) rad of the bound.  The joint estimate is
-    ``exp(P (P_late + Q)^-1 d) C_good`` with ``d = log(C_late C_good^T)``, the Gauss-Markov combination of the two.
+    ``exp(P (P_late + Q)^-1 d) C_good`` with ``d = log(C_late C_good^T)``, the Gauss-Markov combination of the two.  The
+    position error that all images share turns the whole by its share of the height; nothing can be done about it.
     """
     late = measured.image >= setting["good_images"]
     good = Gls()(_images(measured, ~late), C_EK_TRUE)
@@ -119,7 +120,8 @@ def _with_shared_error(setting: Mapping[str, Any], measured: Observations) -> tu
         P = np.linalg.inv(np.linalg.inv(P) + np.linalg.inv(Q))
         step = (P @ np.linalg.inv(Q) @ so3.log(other.C_EK @ C.mT)[..., None])[..., 0]
         C = so3.exp(step) @ C
-    return C, np.sqrt(np.mean(np.diagonal(P, axis1=-2, axis2=-1), axis=0))
+    common = setting["sigma_common_m"] / (setting["height_km"] * 1e3) * np.array([1.0, 1.0, 0.0])
+    return C, np.sqrt(np.mean(np.diagonal(P, axis1=-2, axis2=-1), axis=0) + common**2)
 
 
 def _covariance(estimate: AlignmentEstimate) -> Array:

@@ -1,0 +1,110 @@
+"""The fuzzy observer's Monte Carlo: draws, scene, 20 cycles and statistics of 45 000 runs of 2 images x 2 markers.
+
+``python benchmarks/observer.py`` times it run by run on 3 x 3 matrices, on NumPy rows and compiled by numba, both
+from one source, in interleaved rounds; CPU seconds of the whole process, median of the rounds; Markdown on stdout.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from statistics import median
+from time import process_time
+
+import numpy as np
+
+from starplumb import so3
+from starplumb.estimators.observer import Observer
+from starplumb.published.tables import scenario
+from starplumb.published.tkachenko2019 import observer, view
+from starplumb.published.tkachenko_scene import C_EK_MODEL, Scene, draw, errors_E
+from starplumb.units import ARCSEC
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+from observer_loop import cycle_run
+
+CHUNK = 8192
+"""Runs drawn at a time: the memory does not grow with their number."""
+
+Statistics = tuple[np.ndarray, np.ndarray]
+
+
+def in_rows(scene: Scene, options: Observer, runs: int) -> Statistics:
+    """Mean and standard deviation (3,) arcsec; chunk c draws from a generator keyed by c."""
+    total, squares = np.zeros(3), np.zeros(3)
+    for chunk, start in enumerate(range(0, runs, CHUNK)):
+        rng = np.random.default_rng([1, chunk])
+        last = errors_E(scene, options, rng, min(CHUNK, runs - start))[-1] / ARCSEC
+        total += last.sum(axis=1)
+        squares += np.vecdot(last, last)
+    mean = total / runs
+    return mean, np.sqrt((squares - runs * mean**2) / (runs - 1))
+
+
+def run_by_run(scene: Scene, options: Observer, runs: int) -> Statistics:
+    """The same one run at a time, the observer on 3 x 3 matrices."""
+    errors = []
+    for run in range(runs):
+        drawn = draw(scene, np.random.default_rng([2, run]), 1)
+        o, P = drawn.observations, options.P0 * np.eye(3)
+        keys = {name: getattr(options, name) for name in ("alpha", "beta", "w", "floor", "cycles")}
+        C_EK = cycle_run(o.e_K[0], o.e_E[0], o.C_EJ[0], C_EK_MODEL, P, **keys)
+        errors.append(so3.log(C_EK @ drawn.C_EK_true[0].T) / ARCSEC)
+    return np.mean(errors, axis=0), np.std(errors, axis=0, ddof=1)
+
+
+def ways(
+    scene: Scene, options: Observer, runs: int, loop_runs: int
+) -> dict[str, tuple[int, Callable[[], Statistics]]]:
+    """What is timed: name, runs, and a call."""
+
+    def rows(factorised: bool, compiled: bool) -> tuple[int, Callable[[], Statistics]]:
+        chosen = replace(options, factorised=factorised, compiled=compiled)
+        return runs, lambda: in_rows(scene, chosen, runs)
+
+    timed = {
+        "run by run, 3 x 3 matrices": (loop_runs, lambda: run_by_run(scene, options, loop_runs)),
+        "NumPy rows, U D U^T": rows(True, False),
+        "NumPy rows, upper triangle": rows(False, False),
+    }
+    try:
+        import numba  # noqa: F401
+    except ImportError:
+        return timed
+    return {**timed, "numba, U D U^T": rows(True, True), "numba, upper triangle": rows(False, True)}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--runs", type=int, default=45_000)
+    parser.add_argument("--loop-runs", type=int, default=100)
+    parser.add_argument("--rounds", type=int, default=5)
+    given = parser.parse_args()
+    paper = scenario("paper2019")
+    scene, options = view(paper, "two_images"), observer(paper, 20)
+    timed = ways(scene, options, given.runs, given.loop_runs)
+    start = process_time()
+    for _, call in timed.values():
+        call()
+    warm = process_time() - start
+    seconds: dict[str, list[float]] = {name: [] for name in timed}
+    found: dict[str, Statistics] = {}
+    for _ in range(given.rounds):
+        for name, (_, call) in timed.items():
+            start = process_time()
+            found[name] = call()
+            seconds[name].append(process_time() - start)
+    rates = {name: runs / median(seconds[name]) for name, (runs, _) in timed.items()}
+    slowest = next(iter(rates.values()))
+    print("| | runs | runs per CPU second | times the loop | sigma, arcsec |\n|---|---|---|---|---|")
+    for name, (runs, _) in timed.items():
+        sigma = ", ".join(f"{s:.2f}" for s in found[name][1])
+        print(f"| {name} | {runs} | {rates[name]:,.0f} | {rates[name] / slowest:,.0f} | {sigma} |")
+    print(f"\nFirst calls of all, compilation included: {warm:.1f} CPU s.")
+
+
+if __name__ == "__main__":
+    main()
