@@ -27,7 +27,7 @@ Fusion = Literal["weighted", "mean"]
 SETTLED = 4e-15
 """Step of the average, rad, below which it is found."""
 MOST_STEPS = 50
-"""Steps to it: 3 for trackers that agree to arc seconds, 6 to a degree."""
+"""Steps to it: 3 for trackers that agree to arc seconds, 10 for a degree, ever more beyond 20 degrees."""
 
 
 @dataclass(frozen=True)
