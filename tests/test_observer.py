@@ -152,10 +152,7 @@ def test_a_batch_is_its_single_runs(rng):
     model = so3.exp(rng.standard_normal((3, 3)) * DEG) @ C_EK_TRUE
     together = Observer(cycles=3)(table, model)
     for i in range(3):
-        alone = {
-            name: getattr(table, name)[i]
-            for name in ("xy_K", "C_EJ", "r_J", "p_J", "e_E", "row_rate_E", "range_m")
-        }
+        alone = {name: getattr(table, name)[i] for name in ("xy_K", "C_EJ", "r_J", "p_J", "e_E", "range_m")}
         single = Observer(cycles=3)(replace(table, **alone), model[i])
         assert single.C_EK.shape == (3, 3)
         np.testing.assert_array_equal(single.C_EK, together.C_EK[i])
