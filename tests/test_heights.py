@@ -8,13 +8,15 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from helpers import CAMPAIGN, write_good_campaign
 from problems import C_EK_TRUE, truth
 from starplumb.cli.app import app
 from starplumb.demo import demo
 from starplumb.earth import itrf_to_geodetic
 from starplumb.errors import InputError
 from starplumb.geometry import locate
-from starplumb.io.heights import Raster, above_ellipsoid, surface
+from starplumb.io.campaign import load_campaign
+from starplumb.io.heights import Ground, Raster, surface
 from starplumb.io.write_campaign import write_campaign
 from starplumb.terrain import ground_height
 from starplumb.units import DEG
@@ -109,7 +111,9 @@ def test_what_heights_are_above_is_never_guessed(tmp_path):
         surface(dem, "geoid", None)
     assert surface(dem, "ellipsoidal", None).at(*place) == pytest.approx([50.0])
     assert surface(dem, "geoid", geoid).at(*place) == pytest.approx([98.0])
-    assert above_ellipsoid(np.array([7.0]), geoid, *place, ("a",)) == pytest.approx([55.0])
+    on_geoid = Ground(heights="geoid", geoid=geoid)
+    assert on_geoid.ellipsoidal(dem, np.array([7.0]), *place, ("a",)) == pytest.approx([55.0])
+    assert Ground().ellipsoidal(dem, np.array([7.0]), *place, ("a",)) == pytest.approx([7.0])
 
 
 @pytest.mark.parametrize(
@@ -201,3 +205,87 @@ def test_locate_on_a_dem(tmp_path):
     unstated = run.invoke(app, [*arguments, "--dem", str(dem)])
     assert isinstance(unstated.exception, InputError)
     assert "kind not stated" in str(unstated.exception)
+
+
+LANDMARKS = (
+    "landmark_id,latitude_deg,longitude_deg,sigma_m\nL1,0.05,0.05,0.5\nL2,-0.05,0.05,0.5\nL3,0.0,-0.06,0.5\n"
+)
+KEYS = 'file = "landmarks.csv"\n'
+
+
+def campaign_with(folder, keys, **tables):
+    path = write_good_campaign(folder, campaign=CAMPAIGN.replace(KEYS, KEYS + keys), **tables)
+    write(folder / "dem.tif", np.full((10, 10), 33.0), -0.5, 0.5, 0.1)
+    write(folder / "geoid.tif", np.full((10, 10), 17.0), -0.5, 0.5, 0.1)
+    return path
+
+
+def heights_of(path):
+    loaded = load_campaign(path)
+    return itrf_to_geodetic(loaded.campaign.landmarks.r_J)[2], loaded.inputs
+
+
+def test_landmarks_take_their_heights_from_a_dem(tmp_path):
+    keys = 'dem = "dem.tif"\nheights = "geoid"\ngeoid = "geoid.tif"\n'
+    heights, inputs = heights_of(campaign_with(tmp_path, keys, landmarks=LANDMARKS))
+    np.testing.assert_allclose(heights, 50.0, atol=1e-6)
+    assert {"dem.tif", "geoid.tif"} <= set(inputs)
+
+
+def test_landmarks_above_a_geoid_are_raised_by_it(tmp_path):
+    keys = 'heights = "geoid"\ngeoid = "geoid.tif"\n'
+    heights, _ = heights_of(campaign_with(tmp_path, keys))
+    np.testing.assert_allclose(heights, [27.0, 37.0, 47.0], atol=1e-6)
+
+
+def test_landmarks_of_a_vector_file_need_no_heights_beside_a_dem(tmp_path):
+    pytest.importorskip("pyogrio", reason="needs the extra gis")
+    keys = 'dem = "dem.tif"\nheights = "ellipsoidal"\n'
+    features = [
+        {
+            "type": "Feature",
+            "properties": {"landmark_id": f"L{i + 1}", "sigma_m": 0.5},
+            "geometry": {"type": "Point", "coordinates": place},
+        }
+        for i, place in enumerate(([0.05, 0.05], [0.05, -0.05], [-0.06, 0.0]))
+    ]
+    path = campaign_with(tmp_path, keys)
+    path.write_text(path.read_text().replace("landmarks.csv", "landmarks.geojson"))
+    (tmp_path / "landmarks.geojson").write_text(
+        json.dumps({"type": "FeatureCollection", "features": features})
+    )
+    heights, _ = heights_of(path)
+    np.testing.assert_allclose(heights, 33.0, atol=1e-6)
+
+
+CARTESIAN = "landmark_id,x_m,y_m,z_m,sigma_m\nL1,6378137,0,0,1\nL2,6378137,100,0,1\nL3,6378137,0,100,1\n"
+REFUSED = {
+    "kind not said": (
+        'dem = "dem.tif"\n',
+        {},
+        "landmarks.heights: missing, wanted what the heights of the DEM are above",
+    ),
+    "no geoid": ('heights = "geoid"\n', {}, "landmarks.geoid: missing"),
+    "geoid alone": ('geoid = "geoid.tif"\n', {}, 'landmarks.geoid: found it without heights = "geoid"'),
+    "heights twice": (
+        'dem = "dem.tif"\nheights = "ellipsoidal"\n',
+        {},
+        "found heights beside a DEM (landmarks.dem)",
+    ),
+    "no heights": ("", {"landmarks": LANDMARKS}, "wanted all of them or none"),
+    "no such file": ('dem = "no.tif"\nheights = "ellipsoidal"\n', {}, "landmarks.dem"),
+    "Cartesian": (
+        'dem = "dem.tif"\nheights = "ellipsoidal"\n',
+        {"landmarks": CARTESIAN},
+        "found Cartesian places beside landmarks.dem",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_heights_of_landmarks_that_are_not_told_are_refused(tmp_path, case):
+    keys, tables, message = REFUSED[case]
+    with pytest.raises(InputError) as error:
+        load_campaign(campaign_with(tmp_path, keys, **tables))
+    assert message in str(error.value)
+    assert "\n" not in str(error.value)

@@ -1,4 +1,4 @@
-"""Figures of ``summary.json`` (matplotlib, extra ``report``): errors, stated sigmas, convergence with the trials.
+"""Figures of ``summary.json`` (matplotlib): errors, stated sigmas, convergence with the trials.
 
 Each figure is drawn from the document alone, so that it can be drawn again without the samples.
 """

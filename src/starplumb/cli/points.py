@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from .ground import Dem, Geoid, HeightsOption
-from .output import Json, Output, Quiet
+from .output import Json, Output, Quiet, Verbose
 
 
 def points(
@@ -31,6 +31,7 @@ def points(
     ] = None,
     json: Json = False,
     quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> None:
     """Turn ground points of QGIS or the Ames Stereo Pipeline into landmarks.csv and observations.csv.
 
@@ -47,10 +48,11 @@ def points(
       \b
       starplumb points control.gcp --out campaign
     """
-    from ..io.ground_tables import Ground, Sigmas, tables
+    from ..io.ground_tables import Sigmas, tables
+    from ..io.heights import Ground
     from ..io.write import publish
 
-    speak = Output(json, quiet)
+    speak = Output(json, quiet, verbose)
     found, notices = tables(
         files,
         Ground(dem, None if heights is None else heights.value, geoid),
@@ -59,6 +61,7 @@ def points(
     )
     publish(out, found.files)
     speak.notices(notices)
+    speak.detail(*(f"read {path}" for path in files))
     speak.document({"landmarks": found.landmarks, "observations": found.observations, "images": found.images})
     speak.show(
         f"wrote {out / 'landmarks.csv'}: {found.landmarks} landmarks",

@@ -19,8 +19,9 @@ from . import markers, motion
 from .attitude import Exposures, model_mounting, read_attitude
 from .attitude_config import Mounting
 from .camera import pixel_shift, read_camera
-from .config import CampaignConfig
+from .config import CampaignConfig, LandmarksConfig
 from .files import fingerprint, trouble
+from .heights import Ground
 from .tables import Array
 from .toml import check, read_toml, refuse
 
@@ -96,6 +97,8 @@ def _named(config: CampaignConfig) -> dict[str, str]:
     }
     optional = {
         "camera.look_angles": config.camera.look_angles,
+        "landmarks.dem": config.landmarks.dem,
+        "landmarks.geoid": config.landmarks.geoid,
         "observations.file": config.observations and config.observations.file,
         "detections.file": config.detections and config.detections.file,
         "earth.orientation_file": config.earth and config.earth.orientation_file,
@@ -137,7 +140,7 @@ def _assemble(
     scale = config.campaign.time_scale
     camera = read_camera(config.camera, files.get("camera.look_angles"), notices)
     images = markers.read_images(files["images.file"], scale, camera.scans, notices)
-    landmarks = markers.read_landmarks(files["landmarks.file"], notices)
+    landmarks = markers.read_landmarks(files["landmarks.file"], notices, _ground(config.landmarks, files))
     grid = markers.Grid(*camera.size_px, shift_px=pixel_shift(config.camera))
     sightings, detections = _no_sightings(), None
     if "observations.file" in files:
@@ -175,6 +178,12 @@ def _assemble(
         orientation=orientation,
     )
     return campaign, detections
+
+
+def _ground(config: LandmarksConfig, files: dict[str, Path]) -> Ground:
+    """What is said about the heights of the landmarks."""
+    words = ("landmarks.dem", "landmarks.heights", "landmarks.geoid")
+    return Ground(files.get("landmarks.dem"), config.heights, files.get("landmarks.geoid"), words)
 
 
 def _no_sightings() -> Sightings:

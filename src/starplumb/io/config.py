@@ -124,6 +124,20 @@ class LandmarksConfig(Section):
     file: Annotated[str, BeforeValidator(file_name(*SUFFIXES["landmarks"]))] = Field(
         description="the name of the file of landmarks"
     )
+    dem: Text | None = Field(default=None, description="the name of a raster of ground heights")
+    heights: Annotated[Literal["ellipsoidal", "geoid"], choice("ellipsoidal", "geoid")] | None = Field(
+        default=None, description='"ellipsoidal" or "geoid"'
+    )
+    geoid: Text | None = Field(default=None, description="the name of a raster of the geoid's heights")
+
+    @classmethod
+    def rules(cls, given: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+        if "dem" in given and "heights" not in given:
+            yield "heights", 'missing, wanted what the heights of the DEM are above, "ellipsoidal" or "geoid"'
+        if given.get("heights") == "geoid" and "geoid" not in given:
+            yield "geoid", 'missing, wanted the name of a raster of the geoid beside heights = "geoid"'
+        if "geoid" in given and given.get("heights") != "geoid":
+            yield "geoid", 'found it without heights = "geoid", wanted both or neither'
 
 
 class TableConfig(Section):

@@ -13,39 +13,12 @@ from starplumb.errors import InputError
 from starplumb.units import DEG
 
 from .files import show
-from .heights import Heights, above_ellipsoid, surface
+from .heights import Ground
 from .markers import GEODETIC, SIGMA_ENU
 from .points import GroundPoints, read_ground_points
 from .write import csv_text
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Ground:
-    """What the user says about heights: a DEM for points that have none, what heights are above, and the geoid."""
-
-    dem: Path | None = None
-    heights: Heights | None = None
-    geoid: Path | None = None
-
-    def ellipsoidal(self, path: Path, points: GroundPoints) -> Array:
-        """Heights (n,) above the ellipsoid of a file's points; raises InputError where they are not told."""
-        names, place = points.landmark_id, (points.latitude, points.longitude)
-        none = np.isnan(points.height)
-        if none.all():
-            if self.dem is None:
-                raise InputError(
-                    f"{path}: found points without heights, wanted a DEM (--dem) to take them from"
-                )
-            return surface(self.dem, self.heights, self.geoid).heights(*place, names)
-        if self.dem is not None:
-            raise InputError(f"{path}: found heights beside a DEM (--dem), wanted only one of the two")
-        if self.heights != "geoid":
-            return points.height
-        if self.geoid is None:
-            raise InputError("--heights: found geoid, wanted its grid (--geoid) too")
-        return above_ellipsoid(points.height, self.geoid, *place, names)
 
 
 @dataclass(frozen=True)
@@ -98,7 +71,9 @@ def tables(
     for path in paths:
         points = read_ground_points(path, crs)
         notices += points.notices
-        merged.add(path, points, ground.ellipsoidal(path, points), *sigmas.of(path, points))
+        height = None if np.isnan(points.height).all() else points.height
+        height = ground.ellipsoidal(path, height, points.latitude, points.longitude, points.landmark_id)
+        merged.add(path, points, height, *sigmas.of(path, points))
     observations = list(zip(*merged.sightings, strict=True))
     landmarks = list(zip(*merged.places.values(), strict=True))
     header = ("image_id", "landmark_id", "column_px", "row_px", "sigma_px")

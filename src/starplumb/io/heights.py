@@ -173,12 +173,41 @@ def surface(dem: Path, heights: Heights | None, geoid: Path | None) -> Surface:
     return Surface(raster, None)
 
 
-def above_ellipsoid(
-    height: Array, geoid: Path, latitude: Array, longitude: Array, names: tuple[str, ...]
-) -> Array:
-    """Heights (n,) above a geoid as heights above the ellipsoid, ``h = H + N``."""
-    grid = Raster.open(geoid)
-    return height + _complete(grid, grid, grid, latitude, longitude, names)
+@dataclass(frozen=True)
+class Ground:
+    """What the user says about heights: a DEM for points that have none, what heights are above, and the geoid's grid.
+
+    ``words`` are the option or key of each, for messages.
+    """
+
+    dem: Path | None = None
+    heights: Heights | None = None
+    geoid: Path | None = None
+    words: tuple[str, str, str] = ("--dem", "--heights", "--geoid")
+
+    def ellipsoidal(
+        self, source: Path, height: Array | None, latitude: Array, longitude: Array, names: tuple[str, ...]
+    ) -> Array:
+        """Heights (n,) m above the ellipsoid of named points (n,) rad, ``h = H + N`` where theirs are above a geoid.
+
+        ``height`` (n,) are those of the file ``source``, None where it has none.  Raises InputError where the heights
+        are not told, or told twice.
+        """
+        dem, kind, geoid = self.words
+        if height is None:
+            if self.dem is None:
+                raise InputError(
+                    f"{source}: found points without heights, wanted a DEM ({dem}) to take them from"
+                )
+            return surface(self.dem, self.heights, self.geoid).heights(latitude, longitude, names)
+        if self.dem is not None:
+            raise InputError(f"{source}: found heights beside a DEM ({dem}), wanted only one of the two")
+        if self.heights != "geoid":
+            return height
+        if self.geoid is None:
+            raise InputError(f"{kind}: found geoid, wanted its grid ({geoid}) too")
+        grid = Raster.open(self.geoid)
+        return height + _complete(grid, grid, grid, latitude, longitude, names)
 
 
 _WORDS: dict[Heights, str] = {"ellipsoidal": "heights above the ellipsoid", "geoid": "heights above a geoid"}

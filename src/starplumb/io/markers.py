@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import repeat
 from pathlib import Path
 
@@ -17,6 +17,7 @@ from starplumb.errors import EpochError, InputError
 from starplumb.units import DEG
 
 from .files import nearest, show
+from .heights import Ground
 from .tables import Array, Table, read_table
 
 Index = NDArray[np.int64]
@@ -50,18 +51,33 @@ def epochs(table: Table, scale: str) -> NDArray[np.int64]:
         raise InputError(f"{table.path}, row {row}, column time: {error}") from None
 
 
-def read_landmarks(path: Path, notices: list[str]) -> Landmarks:
-    """Landmarks of a CSV table, or of a vector file."""
+def read_landmarks(path: Path, notices: list[str], ground: Ground | None = None) -> Landmarks:
+    """Landmarks of a CSV table or a vector file; ``ground`` says where heights come from and what they are above."""
     if path.suffix.lower() != ".csv":
         from .vector import read_points
 
-        points = read_points(path)
-        notices += points.notices
-        return landmarks_from(points)
-    places = (*GEODETIC, *CARTESIAN, "sigma_m", *SIGMA_ENU)
-    table = read_table(path, texts=("landmark_id",), optional_numbers=places)
+        table = read_points(path, flat=ground is not None and ground.dem is not None)
+    else:
+        places = (*GEODETIC, *CARTESIAN, "sigma_m", *SIGMA_ENU)
+        table = read_table(path, texts=("landmark_id",), optional_numbers=places)
     notices += table.notices
-    return landmarks_from(table)
+    return landmarks_from(table if ground is None else _raised(table, ground))
+
+
+def _raised(table: Table, ground: Ground) -> Table:
+    """The table with heights above the ellipsoid, taken from a DEM or raised by the geoid where that is said."""
+    if ground.dem is None and ground.heights != "geoid":
+        return table
+    if CARTESIAN[0] in table.numbers:
+        found = f"found Cartesian places beside {ground.words[0 if ground.dem else 1]}"
+        raise InputError(f"{table.path}: {found}, wanted latitude_deg and longitude_deg with it")
+    missing = [name for name in GEODETIC[:2] if name not in table.numbers]
+    if missing:
+        raise InputError(f"{table.path}: found no column {missing[0]}, wanted latitude_deg and longitude_deg")
+    latitude, longitude = (DEG * table.numbers[name] for name in GEODETIC[:2])
+    stated = table.numbers.get("height_m")
+    height = ground.ellipsoidal(table.path, stated, latitude, longitude, tuple(table.texts["landmark_id"]))
+    return replace(table, numbers=table.numbers | {"height_m": height})
 
 
 def landmarks_from(table: Table) -> Landmarks:

@@ -24,8 +24,10 @@ _DBASE_LETTERS = 10
 _POINT, _Z_ISO, _Z_FLAG = 1, 1000, 0x80000000
 
 
-def read_points(path: Path) -> Table:
+def read_points(path: Path, flat: bool = False) -> Table:
     """The one layer of a vector file as the table of its features (``line`` counts them from 1).
+
+    ``flat`` says that the points need no heights of their own.
 
     Longitude and latitude are the point's own, the height above the ellipsoid its third coordinate or the attribute
     ``height_m``; ``landmark_id`` and the sigmas are attributes. Raises InputError for another reference system, several
@@ -54,10 +56,10 @@ def read_points(path: Path) -> Table:
         )
     cut = {name[:_DBASE_LETTERS]: name for name in _NAMES} if path.suffix.lower() == ".shp" else {}
     names = [cut.get(str(name), str(name)) for name in meta["fields"]]
-    return _table(path, geometry, dict(zip(names, attributes, strict=True)))
+    return _table(path, geometry, dict(zip(names, attributes, strict=True)), flat)
 
 
-def _table(path: Path, geometry: Any, attributes: dict[str, Any]) -> Table:
+def _table(path: Path, geometry: Any, attributes: dict[str, Any], flat: bool) -> Table:
     points = np.array([_point(path, row, wkb) for row, wkb in enumerate(geometry, 1)]).reshape(-1, 3)
     if not len(points):
         raise InputError(f"{path}: found no feature, wanted at least one landmark")
@@ -69,14 +71,16 @@ def _table(path: Path, geometry: Any, attributes: dict[str, Any]) -> Table:
         name: _numbers(path, name, attributes[name]) for name in ("sigma_m", *SIGMA_ENU) if name in attributes
     }
     height = points[:, 2]
-    if np.isnan(height).any():
+    lies_flat = flat and np.isnan(height).all() and "height_m" not in attributes
+    if np.isnan(height).any() and not lies_flat:
         if "height_m" not in attributes:
             row = int(np.argmax(np.isnan(height))) + 1
             raise InputError(
                 f"{path}, feature {row}: found a point without height, wanted its third coordinate or height_m"
             )
         height = np.where(np.isnan(height), _numbers(path, "height_m", attributes["height_m"]), height)
-    numbers |= dict(zip(GEODETIC, (points[:, 1], points[:, 0], height), strict=True))
+    numbers |= dict(zip(GEODETIC[:2], (points[:, 1], points[:, 0]), strict=True))
+    numbers |= {} if lies_flat else {"height_m": height}
     ids = [_text(path, row, value) for row, value in enumerate(attributes["landmark_id"], 1)]
     used = {*numbers, "landmark_id"}
     ignored = [name for name in attributes if name not in used]
