@@ -235,6 +235,10 @@ def test_pixels_may_be_counted_from_their_corner(tmp_path: Path) -> None:
     path = demo(tmp_path / "corner", "--images", 2)
     as_corners(path.parent)
     assert_same(calibrated(path), plain, 1e-6)
+    tables = (path.parent / "observations.csv", path.parent / "out" / "residuals.csv")
+    texts = [table.read_text(encoding="utf-8").splitlines() for table in tables]
+    counted = [[float(row["column_px"]) for row in csv.DictReader(lines)] for lines in texts]
+    np.testing.assert_allclose(counted[0], counted[1], rtol=1e-12, err_msg="as the user counts them")
 
 
 def test_look_angles_and_optics_of_a_line_scanner_agree(tmp_path: Path) -> None:

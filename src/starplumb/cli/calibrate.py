@@ -79,7 +79,7 @@ def calibrate(
     done = run(loaded.campaign, estimator)
     document = _publish(loaded, done, method, out, report, labels)
     if gpkg:
-        _publish_map(done, out)
+        _publish_map(done, loaded.shift_px, out)
     speak.document(document)
     named = [] if labels is None else [label_sentence(labels)]
     speak.show(_table(done, loaded.C_EK_true), *named, *_sentences(done, out), *_advice(done, campaign))
@@ -118,7 +118,7 @@ def _publish(
     document |= {} if labels is None else {"labels": labels.counts}
     files = {
         "result.json": json_text(document),
-        "residuals.csv": csv_text(residual_names(done), residual_columns(done)),
+        "residuals.csv": csv_text(residual_names(done), residual_columns(done, loaded.shift_px)),
     }
     if labels is not None:
         from .choices import label_files
@@ -144,7 +144,7 @@ def _publish(
     return document
 
 
-def _publish_map(done: Calibration, out: Path) -> None:
+def _publish_map(done: Calibration, shift_px: float, out: Path) -> None:
     """The residuals at their landmarks as a layer of points."""
     from ..earth import itrf_to_geodetic
     from ..io.geopackage import write_residuals
@@ -153,7 +153,7 @@ def _publish_map(done: Calibration, out: Path) -> None:
 
     place_J = done.campaign.landmarks.r_J[done.campaign.sightings.landmark]
     latitude, longitude, _ = itrf_to_geodetic(place_J)
-    columns = residual_columns(done)
+    columns = residual_columns(done, shift_px)
     write_residuals(out / "residuals.gpkg", latitude / DEG, longitude / DEG, residual_names(done), columns)
 
 

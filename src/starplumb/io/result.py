@@ -110,7 +110,7 @@ def provenance(loaded: LoadedCampaign) -> dict[str, Any]:
 def read_mounting(path: Path, loaded: LoadedCampaign) -> tuple[Array, Array, str]:
     """C_EK, its covariance (rad^2 about E; zero where none is stated) and a word on it from a ``result.json``.
 
-    Raises InputError where the file is no such result, its frames are not the campaign's, or its status forbids its use.
+    Raises InputError where the file is no such result, its frames are not the campaign's, or its status forbids it.
     """
     try:
         document = json.loads(read_text(path))
@@ -287,8 +287,11 @@ def residual_names(c: Calibration) -> Sequence[str]:
     return [*RESIDUAL_COLUMNS, *([] if c.snooping is None else RELIABILITY_COLUMNS)]
 
 
-def residual_columns(c: Calibration) -> Sequence[Sequence[object]]:
-    """Columns of ``residuals.csv``, one row a sighting in the order of the observation table."""
+def residual_columns(c: Calibration, shift_px: float) -> Sequence[Sequence[object]]:
+    """Columns of ``residuals.csv``, one row a sighting in the order of the observation table.
+
+    Pixels are given as the user counts them, ``shift_px`` ahead of ours.
+    """
     s, r = c.campaign.sightings, c.residuals
     images, landmarks = c.campaign.images.ids, c.campaign.landmarks.ids
     role = np.where(s.check, "check", np.where(r.used, "control", "rejected"))
@@ -298,8 +301,8 @@ def residual_columns(c: Calibration) -> Sequence[Sequence[object]]:
         [images[i] for i in s.image],
         [landmarks[i] for i in s.landmark],
         role.tolist(),
-        s.column_px.tolist(),
-        s.row_px.tolist(),
+        (s.column_px + shift_px).tolist(),
+        (s.row_px + shift_px).tolist(),
         *(pair[:, i].tolist() for pair in pairs for i in range(2)),
         r.normalised.tolist(),
         *(pair[:, i].tolist() for pair in ground for i in range(2)),
