@@ -23,6 +23,7 @@ from .sources import (
     Source,
 )
 from .trackers import Fusion, fusion_weights
+from .trackers import Fusion, fusion_weights
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -87,13 +88,13 @@ class Tracker:
 def fused_axes(trackers: tuple[Tracker, ...], fusion: Fusion) -> list[Array]:
     """What each tracker's error, along its own axes, does to the fused attitude: W_j C_EA_j (3, 3) each.
 
-    Raises InputError where a weighted tracker claims to be exact.
+    Raises InputError where a tracker that is weighted against others claims to be exact.
     """
     if len(trackers) <= 1:
         return [tracker.C_EA for tracker in trackers]
-    C_EA = np.stack([tracker.C_EA for tracker in trackers])
-    scaled = C_EA * np.stack([tracker.sigma for tracker in trackers])[:, None, :]
-    return list(fusion_weights(scaled @ scaled.mT, np.ones(len(trackers), dtype=np.bool_), fusion) @ C_EA)
+    covariance_E = np.stack([t.C_EA @ np.diag(t.sigma**2) @ t.C_EA.T for t in trackers])
+    weights = fusion_weights(covariance_E, np.ones(len(trackers), dtype=bool), fusion)
+    return [W @ t.C_EA for W, t in zip(weights, trackers, strict=True)]
 
 
 def attitude(
