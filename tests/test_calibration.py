@@ -13,12 +13,13 @@ from starplumb import scene, so3
 from starplumb.calibration import calibrate
 from starplumb.errors import InputError
 from starplumb.estimators.gls import Gls
+from starplumb.estimators.observer import Observer
 from starplumb.estimators.protocol import Status
 from starplumb.estimators.wahba import Wahba
 from starplumb.geometry import observe
 from starplumb.residuals import Accuracy, rms
 from starplumb.simulate import Errors
-from starplumb.units import ARCSEC, DEG
+from starplumb.units import ARCMIN, ARCSEC, DEG
 
 CAMERAS = {"frame": FRAME, "line": LINE}
 
@@ -150,3 +151,12 @@ def test_the_closed_form_has_an_answer_without_a_covariance(rng):
 def test_chi_square_of_sound_campaigns_is_spread_evenly(rng):
     p = [calibrate(delivered(rng, FRAME, images=3, markers=4)[0], Gls()).chi2_p for _ in range(60)]
     assert kstest(p, "uniform").pvalue > 1e-3
+
+
+def test_the_observer_says_how_large_the_initial_error_was_and_that_it_has_settled() -> None:
+    campaign = truth(images=2)
+    turn = so3.exp(np.array([20.0, -35.0, 10.0]) * ARCMIN)
+    done = calibrate(replace(campaign, C_EK=turn @ campaign.C_EK), Observer(cycles=30))
+    said = " ".join(done.sentences)
+    assert "the very first equation put the initial error at" in said
+    assert "the estimate has settled" in said

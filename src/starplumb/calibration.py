@@ -90,7 +90,7 @@ def calibrate(campaign: Campaign, estimator: Estimator) -> Calibration:
     traded = tuple(combinations(problem.observations, estimate))
     status, sentences = _separated(status, sentences, traded)
     told = [] if estimate.parameters is None else unimproved(estimate.parameters)
-    sentences = (*sentences, *told)
+    sentences = (*sentences, *told, *estimate.remarks)
     return Calibration(
         campaign=campaign,
         observations=observations,

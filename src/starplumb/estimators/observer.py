@@ -56,6 +56,11 @@ class ObserverEstimate(AlignmentEstimate):
         return np.stack(changes, axis=-2) if changes else np.zeros((*self.C_EK.shape[:-2], 0, 3))
 
     @property
+    def remarks(self) -> tuple[str, ...]:
+        """How large the initial error was, whether the estimate has settled, and when."""
+        return tuple(describe(self))
+
+    @property
     def cycles_needed(self) -> NDArray[np.int64]:
         """Cycle (...) after which none moved the estimate by more than ``settle``; 0 where the last one still did."""
         moving = ~(np.linalg.norm(self.change_E, axis=-1) < self.settle)

@@ -95,6 +95,11 @@ class AlignmentEstimate:
             return None
         return np.asarray(np.sqrt(np.diagonal(self.covariance_E, axis1=-2, axis2=-1)))
 
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What the method has to tell of one run beyond its answer, in sentences."""
+        return ()
+
 
 class Estimator(Protocol):
     """A frozen set of options; calling it is pure.  ``C_EK`` is the model mounting (..., 3, 3)."""
