@@ -60,7 +60,7 @@ def apparent_direction(
 
 
 def emission_place(p_J: Array, r_J: Array) -> Array:
-    """Marker when the light left it: ``R_z(-omega tau) p_J`` with ``tau = |p - r| / c`` (the Earth has turned since)."""
+    """Marker when the light left it: ``R_z(-omega tau) p_J``, ``tau = |p - r| / c`` (the Earth has turned since)."""
     angle = OMEGA_EARTH * np.linalg.norm(p_J - r_J, axis=-1) / C_LIGHT
     x, y = p_J[..., 0], p_J[..., 1]
     # the angle is 2e-7 rad: cos = 1 - 2e-14, so the chord is exact to 1e-7 m
@@ -91,8 +91,8 @@ def refraction_shift(p_J: Array, r_J: Array) -> Array:
 
     Light rises steeper through the dense air than outside, so the line outside, drawn back to the ground, meets it
     farther from the camera's foot by ``D = tan z / cos^2 z * integral (n - 1) dh``, z the zenith distance of the camera
-    seen from the marker, for an exponential atmosphere ``(n0 - 1) H exp(-h/H)`` above the marker.  First order in n - 1;
-    against a ray trace through shells it is good to 5 % up to 40 deg off nadir (2.1 m at 30 deg from 600 km).
+    seen from the marker, for an exponential atmosphere ``(n0 - 1) H exp(-h/H)`` above the marker.  First order in
+    n - 1; against a ray trace through shells it is good to 5 % up to 40 deg off nadir (2.1 m at 30 deg from 600 km).
     """
     latitude, longitude, height = itrf_to_geodetic(p_J)
     up = np.stack(

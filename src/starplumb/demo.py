@@ -47,8 +47,8 @@ def demo(kind: Literal["frame", "line-scan"], images: int, seed: int) -> tuple[C
     """A measured campaign and its true mounting C_EK; the same for the same arguments.
 
     The images are taken 25 s apart along one pass, tilted up to 8 deg to all sides, every other one turned about the
-    boresight, a frame by 90 deg and a line scanner, whose line must lie across the track, by 180 deg; the model mounting
-    is off by some tenths of a degree about each axis.
+    boresight, a frame by 90 deg and a line scanner, whose line must lie across the track, by 180 deg; the model
+    mounting is off by some tenths of a degree about each axis.
     """
     rng = np.random.default_rng(seed)
     orientation = EarthOrientation.load()
@@ -56,16 +56,27 @@ def demo(kind: Literal["frame", "line-scan"], images: int, seed: int) -> tuple[C
     C_EK_true = so3.exp(DEG * np.array([0.3, -0.8, 91.0]))
     time: Array = 25.0 * np.arange(images, dtype=np.float64)
     camera = _camera(kind)
-    turn = np.pi if camera.scans else 0.5 * np.pi
-    flight = scene.Pass(time, _aims(orientation, epoch_ns, time), turn * (np.arange(images) % 2))
+    half_turns: Array = np.arange(images, dtype=np.float64) % 2 * (1.0 if camera.scans else 0.5)
+    flight = scene.Pass(time, _aims(orientation, epoch_ns, time), np.pi * half_turns)
     period = LINE_PERIOD_S if camera.scans else 0.0
     truth = scene.photograph(
-        camera, ORBIT, orientation, epoch_ns, flight, C_EK_true, SIGMAS, Corrections(), period, "starplumb demo"
+        camera,
+        ORBIT,
+        orientation,
+        epoch_ns,
+        flight,
+        C_EK_true,
+        SIGMAS,
+        Corrections(),
+        period,
+        "starplumb demo",
     )
     pixel = rng.uniform(200.0, 11800.0, (images * MARKERS, 2))
     height = rng.uniform(0.0, 900.0, images * MARKERS)
     truth = scene.mark_pixels(truth, np.repeat(np.arange(images), MARKERS), pixel, height, SIGMAS)
-    truth = replace(truth, sightings=replace(truth.sightings, check=np.tile(np.arange(MARKERS) < CHECKS, images)))
+    truth = replace(
+        truth, sightings=replace(truth.sightings, check=np.tile(np.arange(MARKERS) < CHECKS, images))
+    )
     C_EK_model = so3.exp(rng.normal(0.0, 0.4 * DEG, 3)) @ C_EK_true
     return scene.measured(truth, Errors.draw(observe(truth), rng), C_EK_model), C_EK_true
 

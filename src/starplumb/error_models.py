@@ -23,7 +23,6 @@ from .sources import (
     Source,
 )
 from .trackers import Fusion, fusion_weights
-from .trackers import Fusion, fusion_weights
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
