@@ -37,9 +37,8 @@ myst_heading_anchors = 3
 exclude_patterns = ["_build", "_ext", "generated/extra"]
 
 autodoc_member_order = "bysource"
-autodoc_typehints = "signature"
-autodoc_default_options = {"members": True, "show-inheritance": False}
-autodoc_type_aliases = {"Array": "Array", "NDArray": "NDArray"}
+autodoc_typehints = "none"  # shapes, units and frames stand in the docstrings and say more
+autodoc_default_options = {"members": True}
 add_module_names = False
 
 html_theme = "pydata_sphinx_theme"

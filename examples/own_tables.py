@@ -11,7 +11,7 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
-from _scene import C_EK_TRUE, flight
+from _scene import C_EK_TRUE, SIGMAS, flight
 
 from starplumb import scene, so3
 from starplumb.earth import itrf_to_geodetic
@@ -19,6 +19,9 @@ from starplumb.geometry import observe
 from starplumb.simulate import Errors
 from starplumb.timescales import format_iso
 from starplumb.units import DEG
+
+
+AXES = ("east", "north", "up")
 
 
 def table(name: str, columns: dict[str, object]) -> None:
@@ -51,7 +54,9 @@ table(
         "latitude_deg": latitude / DEG,
         "longitude_deg": longitude / DEG,
         "height_m": height,
-        "sigma_m": np.full(len(names), 0.7),
+        **{
+            f"sigma_{axis}_m": [sigma] * len(names) for axis, sigma in zip(AXES, SIGMAS.landmark, strict=True)
+        },
     },
 )
 table(
