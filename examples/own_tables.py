@@ -20,7 +20,6 @@ from starplumb.simulate import Errors
 from starplumb.timescales import format_iso
 from starplumb.units import DEG
 
-
 AXES = ("east", "north", "up")
 
 
@@ -33,7 +32,7 @@ def table(name: str, columns: dict[str, object]) -> None:
     print(f"{name}: {', '.join(columns)}")
 
 
-rng = np.random.default_rng(20)
+rng = np.random.default_rng(21)
 truth = flight(images=5, markers=9)
 flown = scene.measured(truth, Errors.draw(observe(truth), rng), C_EK_TRUE)
 
