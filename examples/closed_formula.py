@@ -52,5 +52,9 @@ for images, colour in ((1, "C0"), (4, "C1"), (16, "C2")):
         axis.loglog(MARKERS, cross, "x", color=colour)
 for axis, title in zip(axes, ("across the boresight", "about the boresight"), strict=True):
     axis.set(title=title, xlabel="markers in each image", ylabel="sigma, arcsec")
-axes[0].legend(frameon=False)
+    axis.set_xticks(MARKERS, [str(count) for count in MARKERS])
+    axis.set_xticks([], minor=True)
+    axis.yaxis.set_minor_formatter("{x:g}")
+    axis.yaxis.set_major_formatter("{x:g}")
+axes[1].legend(frameon=False, loc="upper right")
 figure.savefig("closed-formula.svg")

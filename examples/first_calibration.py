@@ -33,8 +33,9 @@ for axis, z_px, name in zip(
         s.column_px[used], s.row_px[used], *z_px[used].T, s.image[used], cmap="tab10", angles="xy"
     )
     length = 10.0 ** np.floor(np.log10(np.abs(z_px[used]).max()))
-    axis.quiverkey(arrows, 0.82, 1.05, length, f"{length:g} px", labelpos="E")
-    axis.set(title=f"residuals {name}", xlabel="column, px", aspect="equal")
+    axis.quiverkey(arrows, 0.8, 1.04, length, f"{length:g} px", labelpos="E")
+    axis.set_title(f"residuals {name}", loc="left")
+    axis.set(xlabel="column, px", aspect="equal")
 axes[0].set_ylabel("row, px")
 axes[0].invert_yaxis()
-figure.savefig("residuals.svg")
+figure.savefig("residuals.svg", bbox_inches="tight")

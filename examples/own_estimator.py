@@ -55,5 +55,5 @@ for estimator in (MedianOfImages(), Gls()):
     for axis, values, letter in zip(axes, error_E.T, "xyz", strict=True):
         axis.hist(values, 30, histtype="step", label=name)
         axis.set(xlabel=f"error about {letter}, arcsec")
-axes[0].legend(frameon=False)
+axes[0].legend(frameon=False, fontsize=8, loc="upper left")
 figure.savefig("own-estimator.svg")
