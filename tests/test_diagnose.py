@@ -275,7 +275,7 @@ def test_the_command_names_it_in_words(spoiled):
     result = CliRunner().invoke(app, ["diagnose", str(spoiled.path)])
     assert result.exit_code == 0, result.output
     text = " ".join(result.stdout.split())
-    assert "the attitude's quaternions are written scalar first" in text
+    assert "the attitude's quaternions are written scalar first but named scalar last" in text
     assert "explains the residuals" in text
     quiet = CliRunner().invoke(app, ["diagnose", str(spoiled.path), "--quiet"])
     assert (quiet.exit_code, quiet.stdout) == (0, "")

@@ -24,13 +24,16 @@ from .estimators.gls import Gls
 from .estimators.protocol import Status
 from .estimators.wahba import Wahba
 from .geometry import observe
-from .mistakes import ROUGH_MOUNTING, Mistake, Written, usual_mistakes
+from .mistakes import Mistake, Written, usual_mistakes
 from .model import linearise
 from .observations import Observations
 from .residuals import rms
+from .units import DEG
 
 Array = NDArray[np.float64]
 
+ROUGH_MOUNTING = 1.0 * DEG
+"""How well a model mounting is known where no sigma is stated; a quarter turn is then very improbable."""
 ENOUGH = 600
 """So many sightings tell mistakes apart; of more an even choice is used."""
 

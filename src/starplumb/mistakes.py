@@ -20,7 +20,6 @@ from .errors import InputError
 from .orientation import EarthOrientation
 from .series import Attitude, Ephemeris, Orientation
 from .timescales import SCALES, format_iso, parse
-from .units import DEG
 
 Array = NDArray[np.float64]
 
@@ -128,8 +127,8 @@ def _pixels() -> Iterator[Mistake]:
 
 _ORDERS = {
     "": 0,
-    "written scalar first": -1,
-    "written with the scalar moved from the end to the front": 1,
+    "written scalar first but named scalar last": -1,
+    "written scalar last but named scalar first": 1,
 }
 """Ways to write a quaternion that is read as x, y, z, w, and the roll that undoes them."""
 
@@ -241,33 +240,37 @@ _TABLES = {
 }
 
 
+_PRESENT_S = (18, 37)
+"""GPS and TAI less UTC since 2017: a table of any year may be off by what was written into a program as a constant."""
+
+
+def _shifts(campaign: Campaign, stated: str) -> dict[int, str]:
+    """Moves of epochs (ns) that undo a mistaken time scale, and the mistake in words."""
+    t_ns = campaign.images.t_ns[:1]
+    label = format_iso(t_ns, stated, 9)
+    scales = {int(parse(label, scale)[0] - t_ns[0]): scale for scale in SCALES if scale != stated}
+    found = {by: f"in {scale}, not {stated} ({abs(by) * 1e-9:.9g} s)" for by, scale in scales.items() if by}
+    for size in (*found, *(second * 10**9 for second in _PRESENT_S)):
+        for by in (size, -size):
+            found.setdefault(by, f"{abs(by) * 1e-9:.9g} s too {'early' if by > 0 else 'late'}")
+    return found
+
+
 def _times(campaign: Campaign, written: Written) -> Iterator[Mistake]:
     """Epochs in another time scale than stated, or moved by such a difference the wrong way."""
-    t_ns = campaign.images.t_ns[:1]
-    label = format_iso(t_ns, written.time_scale, 9)
-    for name, (words, tables) in _TABLES.items():
-        for scale in SCALES:
-            shift_ns = int(parse(label, scale)[0] - t_ns[0])
-            if scale == written.time_scale or shift_ns == 0:
-                continue
-            size = f"{abs(shift_ns) * 1e-9:.9g} s"
-            early = "early" if shift_ns < 0 else "late"
-            for sign, wrong in (
-                (1, f"{words} are in {scale}, not {written.time_scale} ({size})"),
-                (-1, f"{words} are {size} too {early}"),
-            ):
+    for (name, (words, tables)), (shift_ns, wrong) in product(
+        _TABLES.items(), _shifts(campaign, written.time_scale).items()
+    ):
 
-                def undo(
-                    c: Campaign, tables: tuple[str, ...] = tables, by: int = sign * shift_ns
-                ) -> Campaign:
-                    return _retimed(c, tables, by)
+        def undo(c: Campaign, tables: tuple[str, ...] = tables, by: int = shift_ns) -> Campaign:
+            return _retimed(c, tables, by)
 
-                yield Mistake(
-                    f"times.{name}{sign * shift_ns * 1e-9:+.9g}s",
-                    wrong,
-                    "check campaign.time_scale and the scale of each table",
-                    undo,
-                )
+        yield Mistake(
+            f"times.{name}{shift_ns * 1e-9:+.9g}s",
+            f"{words} are {wrong}",
+            "check campaign.time_scale and the scale of each table",
+            undo,
+        )
 
 
 def _mounting(written: Written) -> Iterator[Mistake]:
@@ -306,7 +309,3 @@ def _axes() -> Iterator[Mistake]:
             f"turn the model mounting by {angle:+d} deg about the {frame}'s {'xyz'[axis]}",
             undo,
         )
-
-
-ROUGH_MOUNTING = 1.0 * DEG
-"""How well a model mounting is known where no sigma is stated; a quarter turn is then very improbable."""

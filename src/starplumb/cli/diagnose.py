@@ -101,8 +101,12 @@ def _table(found: Diagnosis, shown: int | None) -> Table:
     for heading in ("chi-square", "rms, px", "correction, deg"):
         table.add_column(heading, justify="right")
     table.add_row("nothing: as the campaign stands", *_cells(found.stated))
-    for trial in found.trials[:shown]:
+    trials = found.trials if shown is None else [trial for trial in found.trials if trial.solved][:shown]
+    for trial in trials:
         table.add_row("; ".join(m.what for m in trial.undone), *_cells(trial))
+    left = len(found.trials) - len(trials)
+    if left:
+        table.add_row(f"{left} other changes: {'worse, or ' if trials else ''}no solution", "", "", "")
     return table
 
 
@@ -131,8 +135,9 @@ def _sentences(found: Diagnosis) -> list[str]:
         else "explains much of the residuals, but not all"
     )
     lines = [
-        f"It looks as if {what}. This {much}: {_figures(found.best)} once undone, where the campaign as it stands "
-        f"has {_figures(found.stated)}.",
+        f"It looks as if {what}: this {much}.",
+        f"Once undone: {_figures(found.best)}.",
+        f"As it stands: {_figures(found.stated)}.",
         "Remedy: " + "; ".join(m.remedy for m in found.best.undone) + ".",
     ]
     if found.rivals:
@@ -147,6 +152,6 @@ def _figures(trial: Trial) -> str:
     if not trial.solved:
         return f"no solution ({trial.obstacle})"
     return (
-        f"chi-square {trial.chi2:.4g} for {trial.degrees_of_freedom} degrees of freedom, a correction of "
-        f"{trial.correction / DEG:.3g} deg and {trial.rms_px:.3g} px rms"
+        f"chi-square {trial.chi2:.4g} for {trial.degrees_of_freedom} degrees of freedom, {trial.rms_px:.3g} px rms, "
+        f"a correction of {trial.correction / DEG:.3g} deg"
     )
