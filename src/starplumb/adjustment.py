@@ -14,6 +14,7 @@ With S a square root of the stated covariance the shared unknowns have unit prio
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -117,30 +118,28 @@ def _sums(values: Array, index: Index, count: int) -> Array:
     return total
 
 
-def _image_squares(P: Array, image: Index, count: int) -> Array:
-    """P^T P of each image (..., m, w, w), its sightings' rows stacked; images with equally many go together."""
+def _groups(image: Index, count: int) -> Iterator[tuple[Index, Index]]:
+    """Images (g,) with equally many sightings, and those sightings (g, M)."""
     order = np.argsort(image, kind="stable")
     counts = np.bincount(image, minlength=count)
     starts = np.concatenate([[0], np.cumsum(counts)[:-1]])
-    squares = np.zeros((*P.shape[:-3], count, P.shape[-1], P.shape[-1]))
     for size in np.unique(counts[counts > 0]):
         group = np.flatnonzero(counts == size)
-        rows = P[..., order[starts[group, None] + np.arange(size)], :, :]
-        rows = rows.reshape(*P.shape[:-3], group.size, 2 * size, P.shape[-1])
-        squares[..., group, :, :] = rows.mT @ rows
-    return squares
+        yield group, order[starts[group, None] + np.arange(size)]
 
 
 @dataclass(frozen=True)
 class Normal:
     """Normal equations, images first: ``inverse`` (..., m, 6, 6) of G^T G + I; ``GY``, ``Gz`` (..., m, 6, .) couple an
-    image to y = (x, landmarks); ``YY``, ``Yz`` what the images leave of y, (..., w, w) and (..., w, 1)."""
+    image to y = (x, landmarks); ``YY``, ``Yz``, ``zz`` what the images leave of y, (..., w, w) and (..., w, 1), and of
+    chi-square, (...)."""
 
     inverse: Array
     GY: Array
     Gz: Array
     YY: Array
     Yz: Array
+    zz: Array
 
 
 def normal_equations(o: Observations, d: Design) -> Normal:
@@ -150,14 +149,20 @@ def normal_equations(o: Observations, d: Design) -> Normal:
     squares, which keeps its digits where an attitude error many times the pixel noise makes ``Y^T Y`` less
     ``Y^T G C`` lose them.
     """
-    m, q, k = o.n_images, d.repeated.size, d.P.shape[-1] - 7
-    squares = _image_squares(d.P, o.image, m)
-    batch = squares.shape[:-3]
-    inverse: Array = np.asarray(np.linalg.inv(squares[..., :6, :6] + np.eye(6)), dtype=np.float64)
-    C = inverse @ squares[..., :6, 6:]
-    left = d.P[..., 6:] - d.P[..., :6] @ C[..., o.image, :, :]
-    rows = left.reshape(*batch, -1, k + 1)
-    common = rows.mT @ rows + np.sum(C.mT @ C, axis=-3)
+    m, q, k, batch = o.n_images, d.repeated.size, d.P.shape[-1] - 7, d.P.shape[:-3]
+    inverse = np.array(np.broadcast_to(np.eye(6), (*batch, m, 6, 6)))
+    coupled, common = np.zeros((*batch, m, 6, k + 1)), np.zeros((*batch, k + 1, k + 1))
+    left = np.empty((*batch, o.n if q else 0, 2, k + 1))  # only landmarks seen again ask for it
+    for group, sightings in _groups(o.image, m):
+        rows = d.P[..., sightings, :, :].reshape(*batch, group.size, -1, 7 + k)
+        squares = rows.mT @ rows
+        inverse[..., group, :, :] = np.linalg.inv(squares[..., :6, :6] + np.eye(6))
+        coupled[..., group, :, :] = squares[..., :6, 6:]
+        C = inverse[..., group, :, :] @ squares[..., :6, 6:]
+        rest = rows[..., 6:] - rows[..., :6] @ C
+        common += np.sum(rest.mT @ rest + C.mT @ C, axis=-3)
+        if q:
+            left[..., sightings, :, :] = rest.reshape(*batch, *sightings.shape, 2, k + 1)
     YY, Yz = np.zeros((*batch, k + 3 * q, k + 3 * q)), np.zeros((*batch, k + 3 * q, 1))
     YY[..., :k, :k], Yz[..., :k, :] = common[..., :k, :k], common[..., :k, k:]
     seen = np.flatnonzero(d.place >= 0)
@@ -169,8 +174,8 @@ def normal_equations(o: Observations, d: Design) -> Normal:
     landmark = k + 3 * np.arange(q)[:, None] + np.arange(3)
     YY[..., landmark[:, :, None], landmark[:, None, :]] = _sums(D.mT @ D, place, q) + np.eye(3)
     YY[..., k:, k:] -= (inverse @ GD).reshape(*batch, 6 * m, -1).mT @ GD.reshape(*batch, 6 * m, -1)
-    GY = np.concatenate([squares[..., :6, 6:-1], GD], axis=-1)
-    return Normal(inverse, GY, squares[..., :6, -1:], YY, Yz)
+    GY = np.concatenate([coupled[..., :-1], GD], axis=-1)
+    return Normal(inverse, GY, coupled[..., -1:], YY, Yz, common[..., k, k])
 
 
 def invert_information(information: Array) -> Array:

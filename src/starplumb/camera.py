@@ -12,6 +12,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .small import solve2
+
 Array = NDArray[np.float64]
 
 
@@ -79,11 +81,11 @@ class Distortion:
         xy = xy_d.copy()
         for _ in range(20):
             out, jacobian = self.apply(xy)
-            step = np.linalg.solve(jacobian, (xy_d - out)[..., None])[..., 0]
+            step = solve2(jacobian, (xy_d - out)[..., None])[..., 0]
             xy += step
-            if np.all(np.abs(step) < 1e-15):
+            if np.all(np.abs(step) < 1e-9):  # the next one would be its square
                 break
-        return xy, np.asarray(np.linalg.inv(self.apply(xy)[1]), dtype=np.float64)
+        return xy, solve2(self.apply(xy)[1], np.eye(2))
 
 
 @dataclass(frozen=True)

@@ -23,8 +23,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from . import so3
 from .observations import Observations
+from .small import solve2
 
 Array = NDArray[np.float64]
 
@@ -64,14 +64,6 @@ def _tangents_per_pixel(slope_K: Array, P_E: Array, row_rate_E: Array) -> Array:
     return B
 
 
-def _inverse(B: Array) -> Array:
-    determinant = B[..., 0, 0] * B[..., 1, 1] - B[..., 0, 1] * B[..., 1, 0]
-    inverse = np.empty_like(B)
-    inverse[..., 0, 0], inverse[..., 1, 1] = B[..., 1, 1], B[..., 0, 0]
-    inverse[..., 0, 1], inverse[..., 1, 0] = -B[..., 0, 1], -B[..., 1, 0]
-    return np.asarray(inverse / determinant[..., None, None])
-
-
 def in_front(C_EK: Array, e_E: Array) -> NDArray[np.bool_]:
     """Where directions e_E (..., n, 3) lie before a camera mounted at C_EK (..., 3, 3) and not behind it, (..., n)."""
     return _project(C_EK, e_E)[2]
@@ -85,8 +77,8 @@ def predict(C_EK: Array, e_E: Array) -> Array:
 def pixel_residual(C_EK: Array, e_E: Array, xy_K: Array, slope_K: Array, row_rate_E: Array) -> Array:
     """z = B^-1 F: predicted minus measured pixel (column, row), (..., n, 2)."""
     h, P_E, _ = _project(C_EK, e_E)
-    to_px = _inverse(_tangents_per_pixel(slope_K, P_E, row_rate_E))
-    return np.asarray((to_px @ (h - xy_K)[..., None])[..., 0])
+    B = _tangents_per_pixel(slope_K, P_E, row_rate_E)
+    return np.asarray(solve2(B, (h - xy_K)[..., None])[..., 0])
 
 
 def residual_px(observations: Observations, C_EK: Array) -> Array:
@@ -103,9 +95,19 @@ def linearise(observations: Observations, C_EK: Array) -> Linearised:
     """
     h, P_E, in_front = _project(C_EK, observations.e_E)
     B = _tangents_per_pixel(observations.slope_K, P_E, observations.row_rate_E)
-    to_px = _inverse(B)
-    G = to_px @ P_E
-    z = (to_px @ (h - observations.xy_K)[..., None])[..., 0]
-    H = G @ so3.skew(observations.e_E)
-    R = -(G @ observations.C_EJ) / observations.range_m[..., None, None]
+    G = solve2(B, P_E)
+    z = solve2(B, (h - observations.xy_K)[..., None])[..., 0]
+    H = _times_skew(G, observations.e_E)
+    R = G @ observations.C_EJ
+    R /= -observations.range_m[..., None, None]
     return Linearised(z, H, R, in_front, B)
+
+
+def _times_skew(G: Array, e: Array) -> Array:
+    """G [e] (..., n, 2, 3): its rows are g x e."""
+    product = np.empty(np.broadcast_shapes(G.shape, (*e.shape[:-1], 1, 3)))
+    x, y, z = (e[..., None, i] for i in range(3))
+    product[..., 0] = G[..., 1] * z - G[..., 2] * y
+    product[..., 1] = G[..., 2] * x - G[..., 0] * z
+    product[..., 2] = G[..., 0] * y - G[..., 1] * x
+    return product

@@ -171,3 +171,4 @@ _TAILS: dict[str, tuple[int, ...]] = {
     "weight": (),
 }
 """Fields with one entry a sighting, and their axes behind it."""
+PER_SIGHTING = tuple(_TAILS)

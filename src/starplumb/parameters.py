@@ -18,6 +18,7 @@ from . import so3
 from .camera import Distortion, FrameCamera, LineScanCamera
 from .model import Linearised
 from .observations import Observations
+from .small import solve2
 from .units import DEG
 
 Array = NDArray[np.float64]
@@ -50,7 +51,7 @@ class Parameter(Protocol):
 
 def _through_tangents(model: Linearised, d_xy: Array) -> Array:
     """dz (..., n, 2, s) from changes of the measured tangents (..., n, 2, s): ``z = B^-1 (h - xy)``."""
-    return np.asarray(-np.linalg.solve(model.B, d_xy))
+    return -solve2(model.B, d_xy)
 
 
 OPTICS = ("focal_length", "principal_column", "principal_row", "k1", "k2", "k3", "p1", "p2")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,11 +12,16 @@ from ..adjustment import Adjustment, solve
 from ..model import Linearised, linearise
 from ..observations import Observations
 from ..parameters import Parameter
+from ..streaming import Part, Sum, sample, sampled, stream, streams
 from .gls import SINGULAR_SIGMA, mounting_prior
 from .protocol import AlignmentEstimate, ParameterVector, Status
 from .wahba import Wahba
 
 Array = NDArray[np.float64]
+
+
+SAMPLE_TOLERANCE = 0.02
+"""Error left, in sigmas, at which a sample is good enough to start a large table from."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +63,9 @@ class SelfCalibration:
 
     parameters: tuple[Parameter, ...] = ()
     tolerance: float = 1e-6
-    """Step in units of the estimate's own sigma at which to stop."""
+    """Error left in units of the estimate's own sigma at which to stop, as judged by how fast the steps shrink."""
+    large_tolerance: float = 1e-2
+    """The same for a table of a hundred thousand sightings and more, whose sigmas are far below anything else."""
     max_iterations: int = 20
 
     @property
@@ -79,7 +86,17 @@ class SelfCalibration:
         return self.estimate(observations, C_EK, self.start(observations, C_EK))
 
     def start(self, observations: Observations, C_EK: Array) -> State:
-        """The closed form, all parameters at zero."""
+        """The closed form, all parameters at zero; of a large table the estimate from a sample of its images."""
+        if sampled(observations):
+            part = sample(observations)
+            first = self._closed(part, C_EK)
+            estimate = replace(self, tolerance=SAMPLE_TOLERANCE).estimate(part, C_EK, first)
+            if int(estimate.status) == Status.OK:
+                vector = estimate.parameters
+                return State(estimate.C_EK, first.values if vector is None else vector.values)
+        return self._closed(observations, C_EK)
+
+    def _closed(self, observations: Observations, C_EK: Array) -> State:
         start = Wahba()(observations, C_EK)
         closed = (start.status == int(Status.OK))[..., None, None]
         C = np.where(closed, start.C_EK, C_EK)
@@ -117,29 +134,45 @@ class SelfCalibration:
         """Iterate from a state to convergence."""
         shape = state.C_EK.shape[:-2]
         converged, iterations = np.zeros(shape, dtype=bool), np.zeros(shape, dtype=np.int64)
-        problem = self.problem(observations, state, C_EK)
-        solution = problem.solve()
+        tolerance = self.large_tolerance if sampled(observations) else self.tolerance
+        before = np.full(shape, np.inf)
+        solution = self._step(observations, state, C_EK)
         for _ in range(self.max_iterations):
             state = state.moved(solution.x)
             iterations += ~converged
-            # the length of the step in units of the covariance
             x = solution.x[..., None]
-            length = (x.mT @ solution.information @ x)[..., 0, 0]
-            converged = converged | (length < self.tolerance**2)
+            length = np.sqrt((x.mT @ solution.information @ x)[..., 0, 0])
+            # steps that shrink by q leave q / (1 - q) of the last one; the first has nothing to be compared with
+            q = np.where(np.isfinite(before), np.minimum(length / np.maximum(before, 1e-300), 0.5), 0.5)
+            converged, before = converged | (length * q / (1.0 - q) < tolerance), length
             if np.all(converged):
                 break
-            problem = self.problem(observations, state, C_EK)
-            solution = problem.solve()
-        return self._report(problem, state, solution, (converged, iterations))
+            solution = self._step(observations, state, C_EK)
+        prior = self._prior(observations, state, C_EK)[0]
+        vector = self._vector(prior, state, solution) if self.parameters else None
+        return replace(
+            self._report(observations, state, solution, (converged, iterations)), parameters=vector
+        )
+
+    def _step(self, o: Observations, state: State, C_EK_model: Array) -> Adjustment | Sum:
+        """The linear step at a state; of a large table in chunks."""
+        if not streams(o):
+            return self.problem(o, state, C_EK_model).solve()
+
+        def linear(part: Observations) -> Part:
+            problem = self.problem(part, state, C_EK_model)
+            return problem.observations, problem.model, problem.A
+
+        return stream(o, linear, self._prior(o, state, C_EK_model))
 
     def _report(
         self,
-        problem: Problem,
+        o: Observations,
         state: State,
-        solution: Adjustment,
+        solution: Adjustment | Sum,
         ended: tuple[NDArray[np.bool_], NDArray[np.int64]],
     ) -> AlignmentEstimate:
-        o, (converged, iterations) = problem.observations, ended
+        converged, iterations = ended
         covariance_E = solution.covariance[..., :3, :3]
         finite = np.all(np.isfinite(covariance_E), axis=(-2, -1))
         worst = np.linalg.eigvalsh(np.where(finite[..., None, None], covariance_E, np.eye(3)))[..., -1]
@@ -148,17 +181,9 @@ class SelfCalibration:
         status[~(worst < SINGULAR_SIGMA**2)] = int(Status.SINGULAR)
         seen = np.broadcast_to(np.sum(o.weight > 0.0, axis=-1), status.shape)
         free = 3 * (o.prior_E is None) + int(np.sum(~np.isfinite(self.sigma)))
-        return AlignmentEstimate(
-            state.C_EK,
-            covariance_E,
-            status,
-            iterations,
-            solution.chi2,
-            2 * seen - free,
-            parameters=self._vector(problem, state, solution) if self.parameters else None,
-        )
+        return AlignmentEstimate(state.C_EK, covariance_E, status, iterations, solution.chi2, 2 * seen - free)
 
-    def _vector(self, problem: Problem, state: State, solution: Adjustment) -> ParameterVector:
+    def _vector(self, prior: Array, state: State, solution: Adjustment | Sum) -> ParameterVector:
         """The named parameters with what the data alone say of them, other common errors marginalised."""
         own = 3 + len(self.names)
         N = solution.information
@@ -171,5 +196,5 @@ class SelfCalibration:
             self.sigma,
             self.range,
             solution.covariance[..., :own, :own],
-            marginal - problem.prior[0][..., :own, :own],
+            marginal - prior[..., :own, :own],
         )
