@@ -22,6 +22,7 @@ from starplumb.cli.app import app
 from starplumb.demo import demo
 from starplumb.earth import C_JT, itrf_to_geodetic
 from starplumb.estimators.gls import Gls
+from starplumb.estimators.selfcal import SelfCalibration
 from starplumb.estimators.wahba import Wahba
 from starplumb.intersection import intersect
 from starplumb.io.result import result_document
@@ -30,6 +31,7 @@ from starplumb.report.plots import Ellipse, outline, thinned
 from starplumb.report.text import euler_zyx, length, measured, number
 from starplumb.shares import PRIOR, shares
 from starplumb.units import ARCSEC
+from starplumb.wanted import parameters
 
 HOSTILE = "<script>alert('x')</script>"
 
@@ -150,6 +152,7 @@ from starplumb.calibration import calibrate
 from starplumb.cli.app import app
 from starplumb.demo import demo
 from starplumb.estimators.gls import Gls
+from starplumb.estimators.selfcal import SelfCalibration
 from starplumb.estimators.wahba import Wahba
 from starplumb.io.result import result_document
 from starplumb.report import calibration_page
@@ -291,6 +294,16 @@ def test_the_budget_adds_up_and_follows_each_source(prior):
         np.testing.assert_allclose(
             found[name], (more - less) / 2e-3, rtol=1e-4, atol=1e-5 * np.abs(found[name]).max(), err_msg=name
         )
+
+
+def test_the_budget_adds_up_beside_other_parameters():
+    campaign, _ = demo("frame", 6, 2)
+    done = calibrate(campaign, SelfCalibration(parameters(["focal_length", "time_offset=10ms"], campaign)))
+    found = shares(done)
+    total = done.estimate.covariance_E
+    np.testing.assert_allclose(sum(found.values()), total, atol=2e-3 * np.abs(total).max())
+    assert all(np.linalg.eigvalsh(part)[0] > -1e-15 for part in found.values())
+    assert PRIOR in found
 
 
 def test_a_study_and_a_budget_have_their_pages(tmp_path):

@@ -5,7 +5,8 @@ image, of one landmark or of one pixel shift their sightings together, so that e
 
     attitude  sum_i (sum_n K_n H_n) S_i (...)^T,   position and markers likewise with R,   pixels  sum_n K_n K_n^T s_n^2
 
-and what is left of the covariance is the part of what was known before.  The parts add up to the covariance.
+and what is left of the covariance is the part of what was known before.  The parts add up to the covariance; where other
+parameters are estimated too, to 1e-3 of it, since H and R are taken at the camera as it was known before.
 """
 
 from __future__ import annotations
@@ -22,8 +23,6 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 PRIOR = "what was known before"
-NEGLIGIBLE = 1e-6
-"""A remainder below this part of the covariance is rounding."""
 
 
 def shares(calibration: Calibration) -> Mapping[str, Array]:
@@ -41,10 +40,17 @@ def shares(calibration: Calibration) -> Mapping[str, Array]:
         "marker survey": _shared(K @ model.R, o.landmark, o.cov_landmark_J),
         "image measurement": np.einsum("nij,nkj->ik", noise, noise),
     }
-    rest = c.estimate.covariance_E - np.sum(list(parts.values()), axis=0)
-    if np.max(np.abs(rest)) > NEGLIGIBLE * np.max(np.abs(c.estimate.covariance_E)):
-        parts[PRIOR] = rest
+    if _has_prior(c):
+        values, axes = np.linalg.eigh(c.estimate.covariance_E - np.sum(list(parts.values()), axis=0))
+        parts[PRIOR] = (axes * np.maximum(values, 0.0)) @ axes.mT
     return parts
+
+
+def _has_prior(c: Calibration) -> bool:
+    """Whether something of the mounting or of the other parameters was known before."""
+    parameters = c.estimate.parameters
+    told = parameters is not None and bool(np.any(np.isfinite(parameters.prior_sigma)))
+    return c.campaign.sigma_mounting is not None or told
 
 
 def _shared(slope: Array, member: Index, covariance: Array) -> Array:
