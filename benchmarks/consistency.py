@@ -58,6 +58,7 @@ def main() -> None:
     parser.add_argument("--trials", type=int, default=45000)
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--only", default="", help="scenarios whose name holds this")
+    parser.add_argument("--alone", action="store_true", help="each source alone, without all of them together")
     options = parser.parse_args()
     print(f"{'case':45s} error/stated x y z    RMSE/bound x y z     NEES")
     holds = True
@@ -65,7 +66,8 @@ def main() -> None:
         scenario = load_scenario(path)
         if options.only not in name or not scenario.model_is_true:
             continue
-        holds &= case(f"{name}: all", scenario, options.trials, options.workers)
+        if not options.alone:
+            holds &= case(f"{name}: all", scenario, options.trials, options.workers)
         for source in scenario.sources:
             holds &= case(
                 f"{name}: {source.name}", scenario.alone(source.name), options.trials, options.workers

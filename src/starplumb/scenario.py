@@ -68,10 +68,11 @@ class Scenario:
         """The scenario with one source only, truly and as stated; pixel noise stays at ``floor`` of itself, for no
         solution does without."""
 
-        def kept(source: Source) -> Source:
-            return source.scaled(1.0 if source.name == name else floor if source.field == "pixel" else 0.0)
-
-        sources = tuple(kept(source) for source in self.sources)
+        sources = tuple(
+            source if source.name == name else source.scaled(floor)
+            for source in self.sources
+            if source.name == name or (source.field == "pixel" and not source.is_blunder)
+        )
         return replace(self, sources=sources, stated_sources=tuple(s for s in sources if not s.is_blunder))
 
     @property
