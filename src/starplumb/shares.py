@@ -5,8 +5,8 @@ image, of one landmark or of one pixel shift their sightings together, so that e
 
     attitude  sum_i (sum_n K_n H_n) S_i (...)^T,   position and markers likewise with R,   pixels  sum_n K_n K_n^T s_n^2
 
-and what is left of the covariance is the part of what was known before.  The parts add up to the covariance; where other
-parameters are estimated too, to 1e-3 of it, since H and R are taken at the camera as it was known before.
+and what is left of the covariance is the part of what was known before.  The parts add up to the covariance; where
+other parameters are estimated too, to 1e-3 of it, since H and R are taken at the camera as it was known before.
 """
 
 from __future__ import annotations
