@@ -217,10 +217,10 @@ def test_an_ellipse_holds_what_it_says(rng):
 
 
 def test_of_many_points_the_largest_are_drawn():
-    size = np.arange(10_000) % 977
+    size = np.arange(10_000) % 5003
     chosen, remark = thinned(size.astype(float))
-    assert chosen.size <= 1500
-    assert set(np.flatnonzero(size == 976)) <= set(chosen)
+    assert chosen.size <= 600
+    assert set(np.flatnonzero(size >= 4998)) <= set(chosen)
     assert "of 10000 are drawn" in remark
 
 

@@ -18,6 +18,8 @@ from .text import NOT_STATED, coefficient, length, listed, number, rotation_form
 Array = NDArray[np.float64]
 Document = Mapping[str, Any]
 
+IMAGES_AT_MOST = 100
+"""Images in the table of the page; result.json has all of them."""
 LISTED_AT_MOST = 40
 """Markers and sightings in the tables of the page; residuals.csv has all of them."""
 
@@ -162,7 +164,11 @@ def rejections(document: Document) -> tuple[Table, ...]:
 
 
 def images(document: Document) -> tuple[Table, ...]:
-    """Each image's residuals and its own estimated error."""
+    """Each image's residuals and its own estimated error; of very many the worst."""
+    found = list(document["images"])
+    left = len(found) - IMAGES_AT_MOST
+    if left > 0:
+        found = sorted(found, key=lambda i: -(i["rms_px"] or 0.0))[:IMAGES_AT_MOST]
     rows = [
         (
             str(i["image_id"]),
@@ -173,7 +179,7 @@ def images(document: Document) -> tuple[Table, ...]:
             *(number(x, 2) for x in i["position_error_m"]),
             number(i.get("statistic"), 2),
         )
-        for i in document["images"]
+        for i in found
     ]
     head = (
         "image",
@@ -187,7 +193,7 @@ def images(document: Document) -> tuple[Table, ...]:
     note = (
         "Attitude and position are each image's own errors as the adjustment finds them, the statistic their misfit in "
         "sigmas; own rms is what is left."
-    )
+    ) + (f" The worst first; {left} more are in result.json." if left > 0 else "")
     return (Table("Images", head, rows, note=note),)
 
 

@@ -19,8 +19,10 @@ from .text import number
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-DRAWN_AT_MOST = 1500
+DRAWN_AT_MOST = 600
 """Points or arrows in one drawing: more would neither be seen apart nor load quickly."""
+WORST = 20
+"""So many of them are the largest; more would show another distribution than there is."""
 LONG_ARROW = 0.09
 """Length of the 90 % longest arrow, as a share of the width of the drawing."""
 MARKERS = ("o", "^", "s", "D")
@@ -60,7 +62,7 @@ def thinned(size: Array) -> tuple[NDArray[np.int64], str]:
     n = size.size
     if n <= DRAWN_AT_MOST:
         return np.arange(n), ""
-    worst = np.argsort(-size, kind="stable")[: DRAWN_AT_MOST // 5]
+    worst = np.argsort(-size, kind="stable")[:WORST]
     even = np.linspace(0, n - 1, DRAWN_AT_MOST - worst.size).astype(np.int64)
     chosen = np.union1d(worst, even)
     return chosen, f" {chosen.size} of {n} are drawn, the largest among them."
