@@ -2,8 +2,8 @@
 
     python benchmarks/labelling.py --campaigns 1000
 
-Each row: campaigns of 6 images x 8 markers on sites of their own, a mounting wrong by a stated angle in a random direction,
-a share of markers missed, and false detections so that they are a stated share of all.
+Each row: campaigns of 6 images x 8 markers on sites of their own, a mounting wrong by a stated angle in a random
+direction, a share of markers missed, and false detections so that they are a stated share of all.
 """
 
 from __future__ import annotations

@@ -1,0 +1,68 @@
+"""Direct location of a whole line-scan image: million pixels per CPU second, on the ellipsoid and on a terrain.
+
+    python benchmarks/locate.py
+
+Set OPENBLAS_NUM_THREADS=1.  12000 columns, blocks of 64 rows; the terrain is an array of 30 m posts, hills of 1500 m.
+Pixel by pixel is what :func:`starplumb.geometry.locate` does, for the comparison in the same run.
+"""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+from scenes import C_EK_TRUE, photographed
+
+from starplumb.camera import LineScanCamera
+from starplumb.geometry import locate
+from starplumb.raster import Terrain, geodetic_rows, locate_on_terrain, locate_rows
+from starplumb.units import DEG
+
+CAMERA = LineScanCamera.from_optics(2.2, 9e-6, (5999.5, 40.0), 12000, rows=12000)
+ROWS, BLOCKS = 64, 12
+
+
+def terrain(campaign: object, column: np.ndarray) -> Terrain:
+    """Hills of 1500 m, tens of kilometres long with roughness on top, over the whole image."""
+    corners = geodetic_rows(campaign, C_EK_TRUE, 0, np.array([0.0, ROWS * BLOCKS]), column)
+    low, high = corners.min(axis=(0, 1)) - 0.05 * DEG, corners.max(axis=(0, 1)) + 0.05 * DEG
+    step = 30.0 / 6.37e6
+    latitude, longitude = (np.arange(low[i], high[i], step) for i in range(2))
+    x, y = latitude[:, None] * 6.37e6, longitude[None, :] * 6.37e6
+    height = (
+        750.0 + 700.0 * np.sin(x / 4000.0) * np.cos(y / 5000.0) + 40.0 * np.sin(x / 300.0) * np.sin(y / 400.0)
+    )
+    return Terrain(height, float(low[0]), float(low[1]), (step, step))
+
+
+def rate(pixels: int, seconds: float) -> str:
+    return f"{1e-6 * pixels / seconds:.1f}"
+
+
+def main() -> None:
+    campaign = photographed(1, camera=CAMERA)
+    column = np.arange(12000.0)
+    blocks = [np.arange(ROWS) + float(ROWS * i) for i in range(BLOCKS)]
+    ground = terrain(campaign, column)
+    start = time.process_time()
+    for rows in blocks:
+        p_J = locate_rows(campaign, C_EK_TRUE, 0, rows, column)
+    ellipsoid = time.process_time() - start
+    start = time.process_time()
+    for rows in blocks:
+        locate_on_terrain(campaign, C_EK_TRUE, 0, rows, column, ground)
+    on_terrain = time.process_time() - start
+    pixel = np.meshgrid(blocks[-1], column, indexing="ij")
+    start = time.process_time()
+    one_by_one = locate(campaign, C_EK_TRUE, np.zeros(pixel[0].size, int), pixel[1].ravel(), pixel[0].ravel())
+    single = time.process_time() - start
+    n = ROWS * BLOCKS * 12000
+    print("| | Mpx per CPU s |\n|---|---|")
+    print(f"| ellipsoid | {rate(n, ellipsoid)} |")
+    print(f"| terrain | {rate(n, on_terrain)} |")
+    print(f"| ellipsoid, pixel by pixel | {rate(pixel[0].size, single)} |")
+    print(f"largest difference of the two: {np.abs(p_J.reshape(-1, 3) - one_by_one).max():.1e} m")
+
+
+if __name__ == "__main__":
+    main()
