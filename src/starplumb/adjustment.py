@@ -49,6 +49,8 @@ class Adjustment:
 
 def square_root(covariance: Array) -> Array:
     """Symmetric S with S S = covariance (..., 3, 3); works for singular ones, zeros included."""
+    if not np.any(covariance[..., [0, 0, 1], [1, 2, 2]]):  # a diagonal, as most are: no need of its eigenvectors
+        return np.asarray(np.sqrt(np.maximum(covariance, 0.0)))
     values, vectors = np.linalg.eigh(covariance)
     return np.asarray((vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :]) @ vectors.mT)
 
@@ -104,7 +106,8 @@ def whiten(o: Observations, model: Linearised, A: Array) -> Design:
     P = W @ np.concatenate([np.broadcast_to(b, (*batch, *b.shape[-3:])) for b in blocks], axis=-1)
     D = np.zeros((*batch, o.n, 2, 3))
     again = np.flatnonzero(place >= 0)
-    D[..., again, :, :] = (W @ model.R)[..., again, :, :] @ S_landmark[..., place[again], :, :]
+    if again.size:
+        D[..., again, :, :] = (W @ model.R)[..., again, :, :] @ S_landmark[..., place[again], :, :]
     return Design(P, D, W, S_attitude, S_position, S_landmark, repeated, place)
 
 

@@ -88,6 +88,8 @@ def combinations(o: Observations, estimate: AlignmentEstimate) -> list[Combinati
         growth = float(1.0 / np.sqrt(max(float(value), 1e-30)))
         if growth >= TOLD:
             members = np.flatnonzero(vector >= MEMBER * np.max(vector))
+            if any(np.array_equal(members, other.members) for other in found):
+                continue  # two directions of the same quantities: the worse one says it
             found.append(Combination(tuple(members.tolist()), tuple(words[i] for i in members), growth))
     return found
 

@@ -23,7 +23,7 @@ LARGE = 10_000
 """Sightings from which a table is taken in chunks."""
 CHUNK = 4_096
 """Sightings of a chunk, more where an image has more: what fits the processor's cache with all that is made of it."""
-SAMPLE = 50_000
+SAMPLE = 30_000
 """Sightings of the sample from which the adjustment of a table several times larger starts."""
 
 Part = tuple[Observations, Linearised, Array]

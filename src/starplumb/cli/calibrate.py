@@ -196,6 +196,8 @@ def _sentences(done: Calibration, out: Path) -> list[str]:
     """What the table does not say, a line each."""
     import numpy as np
 
+    from .choices import outcome_sentences
+
     used = done.residuals.used
     images = np.unique(done.observations.image[used]).size
     lines = [f"{images} images, {int(np.sum(used))} observations; status {done.status.name.lower()}"]
@@ -215,6 +217,7 @@ def _sentences(done: Calibration, out: Path) -> list[str]:
             lines.append(
                 f"geolocation of {after.n} {name}: {was} rms before, {after.rmse:.3g} m after (CE90 {after.ce90:.3g} m)"
             )
+    lines += outcome_sentences(done)
     lines += [f"note: {sentence}" for sentence in done.sentences]
     lines.append(f"written: {out}")
     return lines

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from ..calibration import Calibration
     from ..campaign import Campaign
     from ..estimators.protocol import Estimator
     from ..io.campaign import LoadedCampaign
@@ -77,3 +78,26 @@ def label_sentence(labels: Labels) -> str:
         f"{counts['labelled']} of {counts['detections']} detections named; {counts['no_landmark']} fit no landmark, "
         f"{counts['ambiguous']} more than one"
     )
+
+
+def outcome_sentences(done: Calibration) -> list[str]:
+    """What was rejected and what was estimated beside the alignment, a line each; nothing where there was none."""
+    import numpy as np
+
+    from ..separability import known
+    from ..wanted import UNITS, unit_of
+
+    lines = []
+    if done.rejected:
+        kinds = [r.reason.split(":")[0] for r in done.rejected]
+        counts = ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds))
+        lines.append(f"rejected {len(done.rejected)} sightings ({counts}): see result.json")
+    p = done.estimate.parameters
+    if p is not None:
+        sigma = np.sqrt(np.diagonal(p.covariance))[3:]
+        trusted = known(p, list(done.combinations))
+        for name, value, spread, good in zip(p.names, p.values, sigma, trusted, strict=True):
+            unit = unit_of(name)
+            number = f"{value / UNITS[unit]:+.4g} +- {spread / UNITS[unit]:.2g} {unit}".rstrip()
+            lines.append(f"{name}: {number if good else 'not known from these data'}")
+    return lines

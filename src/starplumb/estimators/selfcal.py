@@ -64,7 +64,7 @@ class SelfCalibration:
     parameters: tuple[Parameter, ...] = ()
     tolerance: float = 1e-6
     """Error left in units of the estimate's own sigma at which to stop, as judged by how fast the steps shrink."""
-    large_tolerance: float = 1e-2
+    large_tolerance: float = 2e-2
     """The same for a table of a hundred thousand sightings and more, whose sigmas are far below anything else."""
     max_iterations: int = 20
 
