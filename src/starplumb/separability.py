@@ -83,7 +83,7 @@ def combinations(o: Observations, estimate: AlignmentEstimate) -> list[Combinati
     alone = 1.0 / np.sqrt(np.diagonal(N))
     values, vectors = np.linalg.eigh(N * alone[:, None] * alone[None, :])
     words = [*TURNS, *(worded(name) for name in p.names)]
-    found = []
+    found: list[Combination] = []
     for value, vector in zip(values, np.abs(vectors.T), strict=True):
         growth = float(1.0 / np.sqrt(max(float(value), 1e-30)))
         if growth >= TOLD:
