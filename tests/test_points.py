@@ -242,3 +242,15 @@ def test_residuals_are_a_layer_of_points(tmp_path):
     np.testing.assert_allclose([x, y], [longitude / DEG, latitude / DEG])
     CliRunner().invoke(app, ["calibrate", str(path), "--gpkg", "--no-report", "--quiet"])
     assert layer.read_bytes() == first
+    CliRunner().invoke(app, ["calibrate", str(path), "--no-report", "--quiet"])
+    assert not layer.exists(), "a map of an earlier result must not stand beside this one"
+
+
+def test_without_the_library_of_maps_nothing_is_begun(tmp_path, monkeypatch):
+    campaign, _ = demo("frame", 2, 8)
+    path = write_campaign(tmp_path, campaign)
+    monkeypatch.setattr("starplumb.io.geopackage.find_spec", lambda name: None)
+    result = CliRunner().invoke(app, ["calibrate", str(path), "--gpkg"])
+    assert isinstance(result.exception, InputError)
+    assert "starplumb[gis]" in str(result.exception)
+    assert not (tmp_path / "result").exists()

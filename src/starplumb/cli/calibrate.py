@@ -17,6 +17,9 @@ if TYPE_CHECKING:
     from ..labelling import Labels
     from ..so3 import Array
 
+MAP = "residuals.gpkg"
+"""The residuals for a geographic information system, written with --gpkg."""
+
 
 def calibrate(
     campaign: Annotated[Path, typer.Argument(help="The campaign.toml.", metavar="CAMPAIGN.toml")],
@@ -70,6 +73,10 @@ def calibrate(
     speak = Output(json, quiet, verbose)
     method = "robust" if robust and method == "gls" else method
     out = out or campaign.parent / "result"
+    if gpkg:
+        from ..io.geopackage import require_pyogrio
+
+        require_pyogrio(out / MAP)
     loaded = load_campaign(campaign, with_detections=True)
     estimator = estimator_of(method, estimate or (), loaded.campaign)
     loaded, labels = labelled(loaded, reach_deg)
@@ -101,7 +108,7 @@ def _refuse(path: Path, loaded: LoadedCampaign, labels: Labels, method: str, out
         "result.json": json_text(refused_document(loaded, labels, method)),
         **label_files(loaded, labels),
     }
-    publish(out, files, instead_of=("report.html", "mounting.tf", "residuals.csv"))
+    publish(out, files, instead_of=("report.html", "mounting.tf", "residuals.csv", MAP))
     raise AlignmentFailed(f"{path}: {labels.refusal}")
 
 
@@ -140,7 +147,7 @@ def _publish(
                 f"status: {done.status.name.lower()}",
             ],
         )
-    publish(out, files, instead_of=("report.html", "mounting.tf"))
+    publish(out, files, instead_of=("report.html", "mounting.tf", MAP))
     return document
 
 
@@ -154,7 +161,7 @@ def _publish_map(done: Calibration, shift_px: float, out: Path) -> None:
     place_J = done.campaign.landmarks.r_J[done.campaign.sightings.landmark]
     latitude, longitude, _ = itrf_to_geodetic(place_J)
     columns = residual_columns(done, shift_px)
-    write_residuals(out / "residuals.gpkg", latitude / DEG, longitude / DEG, residual_names(done), columns)
+    write_residuals(out / MAP, latitude / DEG, longitude / DEG, residual_names(done), columns)
 
 
 def _advice(done: Calibration, campaign: Path) -> list[str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import struct
 from collections.abc import Sequence
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,12 @@ _NO_DATE = "1970-01-01T00:00:00.000Z"
 """What stands for the time of writing, so that the same input gives the same file."""
 
 
+def require_pyogrio(path: Path) -> None:
+    """Raise InputError where the library that writes ``path`` is not installed; asked before long work is begun."""
+    if find_spec("pyogrio") is None:
+        raise InputError(f'{path}: writing it needs pyogrio: pip install "starplumb[gis]"')
+
+
 def write_residuals(
     path: Path,
     latitude_deg: Array,
@@ -31,11 +38,10 @@ def write_residuals(
 
     Raises InputError where pyogrio is not installed or the place cannot be written to.
     """
-    try:
-        from pyogrio import raw, set_gdal_config_options
-        from pyogrio.errors import DataSourceError
-    except ImportError:
-        raise InputError(f'{path}: writing it needs pyogrio: pip install "starplumb[gis]"') from None
+    require_pyogrio(path)
+    from pyogrio import raw, set_gdal_config_options
+    from pyogrio.errors import DataSourceError
+
     points = [struct.pack("<BIdd", 1, 1, x, y) for x, y in zip(longitude_deg, latitude_deg, strict=True)]
     beside = path.with_name(f".{os.getpid()}.{path.name}")
     set_gdal_config_options({"OGR_CURRENT_DATE": _NO_DATE})
