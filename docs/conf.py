@@ -59,4 +59,3 @@ html_theme_options = {
     "show_toc_level": 2,
 }
 copyright = "The starplumb developers, Apache-2.0"
-suppress_warnings = ["toc.not_readable", "ref.doc", "myst.xref_missing"]
