@@ -146,7 +146,7 @@ BAD = {
     "nan": (sp3([*ROWS[:1], ROWS[1].replace("12.500000", "      nan")]), "line 11: found .*three numbers"),
     "short": (sp3([ROWS[0], ROWS[1][:30]]), "line 11: found .*three numbers"),
     "epoch": (sp3(["*  2000  1  1 12  0"]), "line 10: found .*wanted . year month"),
-    "no such day": (sp3([ROWS[0].replace("1  1 12", "2 30 12"), ROWS[1]]), "line 11: '2000-02-30T"),
+    "no such day": (sp3([ROWS[0].replace("1  1 12", "2 30 12"), ROWS[1]]), "line 11: found '2000-02-30T"),
     "repeated": (sp3(ROWS[:3] * 2), "line 14: epoch .* is not later than the one before"),
 }
 
