@@ -1,4 +1,4 @@
-"""The table that every estimator reads: what was measured, the geometry it was measured in, and who shares which error."""
+"""The table that every estimator reads: what was measured, in which geometry, and who shares which error."""
 
 from __future__ import annotations
 
@@ -38,11 +38,12 @@ class Observations:
     =============== =============== ================================================================================
 
     Shared errors: ``cov_attitude_E`` (..., m, 3, 3) rad^2 about E's axes, ``cov_position_J`` (..., m, 3, 3) m^2,
-    ``cov_landmark_J`` (..., L, 3, 3) m^2; ``common_px`` (..., n, 2, p), px, the residual by one sigma of each of p errors
-    that any other set of sightings has in common (a drift, a pass, the optics), None for none.
+    ``cov_landmark_J`` (..., L, 3, 3) m^2; ``common_px`` (..., n, 2, p), px, the residual by one sigma of each of p
+    errors that any other set of sightings has in common (a drift, a pass, the optics), None for none.
 
     ``corrections`` are those in ``e_E``.  ``prior_E`` (3, 3) rad^2 is what was known of the model mounting's error
-    ``theta_E``, None for nothing.  ``epoch_s`` (m,) is each image's time after the first one listed, s, None where not known.
+    ``theta_E``, None for nothing.  ``epoch_s`` (m,) is each image's time after the first one listed, s, None where
+    not known.
     """
 
     image: Index
@@ -141,7 +142,7 @@ def sight(
     line_period_s: Array,
     corrections: Corrections,
 ) -> dict[str, Array]:
-    """Fields ``e_E``, ``row_rate_E`` and ``range_m`` of sightings of markers p_J from stations (r_J, v_J, C_EJ, omega_E).
+    """Fields ``e_E``, ``row_rate_E``, ``range_m`` of sightings of markers p_J from stations (r_J, v_J, C_EJ, omega_E).
 
     ``d e_E/dt = omega_E x e_E + C_EJ d e_J/dt`` with ``d e_J/dt = -(v_J - e_J (e_J . v_J)) / range``; the change of the
     light effects during a row is 1e-5 of that and left out.
