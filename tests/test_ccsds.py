@@ -298,7 +298,10 @@ BAD_OEM = {
         oem_kvn(rows=[OEM_ROWS[0], OEM_ROWS[1][:-4]]),
         "line 14: found 5 numbers after the epoch, 6 or 9",
     ),
-    "bad epoch": (oem_kvn(rows=[OEM_ROWS[0], OEM_ROWS[1].replace("01T", "32T")]), "line 14: found '2000-01-32T"),
+    "bad epoch": (
+        oem_kvn(rows=[OEM_ROWS[0], OEM_ROWS[1].replace("01T", "32T")]),
+        "line 14: found '2000-01-32T",
+    ),
     "repeated": (oem_kvn(rows=[OEM_ROWS[0], OEM_ROWS[0]]), "line 14: epoch 2000-01-01T12:00:00 repeats"),
     "unsorted": (
         oem_kvn(rows=[OEM_ROWS[1], OEM_ROWS[0]]),
