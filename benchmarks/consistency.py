@@ -58,7 +58,9 @@ def main() -> None:
     parser.add_argument("--trials", type=int, default=45000)
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--only", default="", help="scenarios whose name holds this")
-    parser.add_argument("--alone", action="store_true", help="each source alone, without all of them together")
+    parser.add_argument(
+        "--alone", action="store_true", help="each source alone, without all of them together"
+    )
     options = parser.parse_args()
     print(f"{'case':45s} error/stated x y z    RMSE/bound x y z     NEES")
     holds = True
