@@ -11,6 +11,7 @@ from pathlib import Path
 
 from executed import environment
 from sphinx.application import Sphinx
+from sphinx.config import Config
 from sphinx.errors import ExtensionError
 
 LIMIT_S = 60
@@ -92,7 +93,7 @@ def write_example(example: Path, folder: Path) -> None:
     (folder / f"{example.stem}.md").write_text("\n\n".join(parts) + "\n", encoding="utf-8")
 
 
-def generate(app: Sphinx) -> None:
+def generate(app: Sphinx, config: Config) -> None:
     source = Path(app.srcdir)
     made = source / "generated"
     shutil.rmtree(made, ignore_errors=True)
@@ -106,5 +107,5 @@ def generate(app: Sphinx) -> None:
 
 
 def setup(app: Sphinx) -> dict[str, bool]:
-    app.connect("builder-inited", generate)
+    app.connect("config-inited", generate, priority=100)  # before the builder looks for the folders made here
     return {"parallel_read_safe": True, "parallel_write_safe": True}
