@@ -65,6 +65,12 @@ def position_covariance(campaign: Campaign) -> Array:
     return np.asarray(C_JI @ covariance @ C_JI.mT)
 
 
+def _directions(campaign: Campaign, station: Stations, p_J: Array) -> dict[str, Array]:
+    """Fields of :func:`sight` of markers p_J (n, 3) from the stations (n,) with the campaign's light effects."""
+    s = station
+    return sight(p_J, s.r_J, s.v_J, s.C_EJ, s.omega_E, s.line_period_s, campaign.corrections)
+
+
 def observe(campaign: Campaign) -> Observations:
     """The observation table of a campaign: measured pixels as directions, markers as the measured geometry shows them.
 
@@ -74,15 +80,7 @@ def observe(campaign: Campaign) -> Observations:
     station = stations(campaign, s.image, s.row_px)
     xy_K, slope_K = campaign.camera.tan_from_px(s.column_px, s.row_px)
     p_J = campaign.landmarks.r_J[s.landmark]
-    directions = sight(
-        p_J,
-        station.r_J,
-        station.v_J,
-        station.C_EJ,
-        station.omega_E,
-        station.line_period_s,
-        campaign.corrections,
-    )
+    directions = _directions(campaign, station, p_J)
     prior = campaign.sigma_mounting
     return Observations(
         image=s.image,
@@ -155,15 +153,7 @@ def project(
     pixel = _middle(campaign, image) if start_px is None else np.array(start_px, dtype=np.float64)
     for _ in range(1 if not campaign.camera.scans else 20):
         station = stations(campaign, image, pixel[:, 1])
-        directions = sight(
-            p_J,
-            station.r_J,
-            station.v_J,
-            station.C_EJ,
-            station.omega_E,
-            station.line_period_s,
-            campaign.corrections,
-        )
+        directions = _directions(campaign, station, p_J)
         if not campaign.camera.scans:
             return campaign.camera.px_from_tan(predict(C_EK, directions["e_E"]))
         step = _scan_step(campaign, C_EK, pixel, directions)

@@ -19,10 +19,10 @@ def main() -> None:
         _complain(error)
         sys.exit(3)
     except KeyboardInterrupt:
-        print("starplumb: interrupted", file=sys.stderr)  # noqa: T201
+        print("starplumb: interrupted", file=sys.stderr)
         sys.exit(130)
 
 
 def _complain(error: Exception) -> None:
     text = " ".join(str(error).split())
-    print(f"starplumb: {text}", file=sys.stderr)  # noqa: T201
+    print(f"starplumb: {text}", file=sys.stderr)

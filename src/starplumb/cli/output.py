@@ -58,4 +58,4 @@ class Output:
         """What was left out or looks odd, one line each on standard error."""
         if not self.quiet:
             for notice in notices:
-                print(f"starplumb: note: {' '.join(notice.split())}", file=sys.stderr)  # noqa: T201
+                print(f"starplumb: note: {' '.join(notice.split())}", file=sys.stderr)

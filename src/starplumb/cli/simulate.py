@@ -156,7 +156,7 @@ def _run(store: Store, scheduler: Scheduler, quiet: bool) -> None:
     except KeyboardInterrupt:
         kept = store.study.trials - sum(store.study.count(c) for c in store.missing())
         if not quiet:
-            print(  # noqa: T201
+            print(
                 f"starplumb: {kept} of {store.study.trials} trials are finished and kept in {store.folder}; "
                 "the same command with the same --out resumes them",
                 file=sys.stderr,
