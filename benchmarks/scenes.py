@@ -31,9 +31,11 @@ class UniformEarth:
         return so3.exp(angle[..., None] * np.array([0.0, 0.0, 1.0]))
 
 
-def photographed(images: int, tilt_deg: float = 10.0, camera: Camera = CAMERA) -> Campaign:
-    """Images 30 s apart, still without markers."""
-    time = 30.0 * np.arange(images)
+def photographed(
+    images: int, tilt_deg: float = 10.0, camera: Camera = CAMERA, step_s: float = 30.0
+) -> Campaign:
+    """Images some seconds apart, still without markers."""
+    time = step_s * np.arange(images)
     r_J, v_J = scene.fly(ORBIT, UniformEarth(), 0, time)
     tilts = tilt_deg * DEG * np.array([np.cos(2.4 * np.arange(images)), np.sin(2.4 * np.arange(images))])
     down = -r_J / np.linalg.norm(r_J, axis=-1, keepdims=True)

@@ -9,6 +9,7 @@ import pytest
 from scipy.linalg import block_diag
 
 from problems import C_EK_TRUE, FRAME, LINE, truth
+from starplumb import adjustment, arrow, covisibility
 from starplumb.adjustment import solve, square_root
 from starplumb.geometry import observe
 from starplumb.model import linearise
@@ -55,8 +56,23 @@ def check(o, model, A, found, information=None, step=None):
     assert found.chi2 == pytest.approx(chi2, rel=1e-8)
 
 
+@pytest.fixture(params=["dense", "images first", "landmarks first"])
+def way(request, monkeypatch):
+    """How the shared errors are eliminated: of a small table, and of a large one by either side."""
+    if request.param != "dense":
+        monkeypatch.setattr(adjustment, "LARGE", 0)
+        monkeypatch.setattr(adjustment, "MANY", 0)
+        monkeypatch.setattr(arrow, "CHUNK", 7)
+        monkeypatch.setattr(arrow, "WINDOW", 100)
+        monkeypatch.setattr(covisibility, "LEAST", 1)
+        cheaper = covisibility._cheaper
+        goes = request.param == "images first"
+        monkeypatch.setattr(covisibility, "_cheaper", lambda *a: np.full_like(cheaper(*a), goes))
+    return request.param
+
+
 @pytest.fixture(params=["own", "site", "mixed"])
-def problem(request, rng):
+def problem(request, rng, way):
     """Own markers; one site; a site of which each image sees another part, one marker twice, and one image none."""
     o = observe(
         truth(

@@ -14,17 +14,33 @@ With S a square root of the stated covariance the shared unknowns have unit prio
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .arrow import Shared
 from .model import Linearised
 from .observations import Observations
+from .whitening import Design, groups, square_root, sums, whiten
+
+__all__ = [
+    "Adjustment",
+    "Design",
+    "Normal",
+    "invert_information",
+    "normal_equations",
+    "solve",
+    "square_root",
+    "whiten",
+]
 
 Array = NDArray[np.float64]
-Index = NDArray[np.int64]
+
+LARGE = 20_000
+"""Sightings from which a table without batch axes is taken in chunks."""
+MANY = 60
+"""Landmarks seen more than once from which it is taken as the sparse matter it is."""
 
 
 @dataclass(frozen=True)
@@ -45,92 +61,6 @@ class Adjustment:
     pi_J: Array
     v: Array
     chi2: Array
-
-
-def square_root(covariance: Array) -> Array:
-    """Symmetric S with S S = covariance (..., 3, 3); works for singular ones, zeros included."""
-    if not np.any(
-        covariance[..., [0, 0, 1], [1, 2, 2]]
-    ):  # a diagonal, as most are: no need of its eigenvectors
-        return np.asarray(np.sqrt(np.maximum(covariance, 0.0)))
-    values, vectors = np.linalg.eigh(covariance)
-    return np.asarray((vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :]) @ vectors.mT)
-
-
-def _inverse_root_2x2(V: Array, smallest: Array) -> Array:
-    """Lower triangular W with W V W^T = I for symmetric V (..., 2, 2) with no eigenvalue below ``smallest`` (...)."""
-    a, b, c = V[..., 0, 0], V[..., 0, 1], V[..., 1, 1]
-    l00 = np.sqrt(a)
-    l10 = b / l00
-    # rounding may take the difference below what it can be
-    l11 = np.sqrt(np.maximum(c - l10 * l10, smallest))
-    W = np.zeros_like(V)
-    W[..., 0, 0], W[..., 1, 1], W[..., 1, 0] = 1.0 / l00, 1.0 / l11, -l10 / (l00 * l11)
-    return W
-
-
-@dataclass(frozen=True)
-class Design:
-    """Whitened observations ``v = z + A x + G a + D b`` in the unknowns' own units (unit prior on a and b).
-
-    ``P`` (..., n, 2, 6 + k + 1) holds ``[G, A, z]``; ``D`` (..., n, 2, 3) is zero for a landmark seen once.
-    ``repeated`` (q,) are the landmarks seen more than once, ``place`` (n,) that of each sighting's (-1: not there).
-    ``W`` (..., n, 2, 2) is what whitened them: units of sigma per pixel of column and row.  ``S_attitude``,
-    ``S_position`` (..., m, 3, 3) and ``S_landmark`` (..., q, 3, 3) turn a, a and b back into their own units.
-    """
-
-    P: Array
-    D: Array
-    W: Array
-    S_attitude: Array
-    S_position: Array
-    S_landmark: Array
-    repeated: Index
-    place: Index
-
-
-def whiten(o: Observations, model: Linearised, A: Array) -> Design:
-    """The design in units of the stated errors; rows of weight zero vanish."""
-    S_attitude, S_position = square_root(o.cov_attitude_E), square_root(o.cov_position_J)
-    times_seen = np.bincount(o.landmark, minlength=o.n_landmarks)
-    repeated = np.flatnonzero(times_seen > 1)
-    place = np.full(o.n_landmarks, -1)
-    place[repeated] = np.arange(repeated.size)
-    place = place[o.landmark]
-    S_landmark = square_root(o.cov_landmark_J[..., repeated, :, :])
-    own = model.R @ o.cov_landmark_J[..., o.landmark, :, :] @ model.R.mT
-    V = np.where((place < 0)[:, None, None], own, 0.0) + (o.sigma_px**2)[..., None, None] * np.eye(2)
-    W = _inverse_root_2x2(V, o.sigma_px**2) * np.sqrt(o.weight)[..., None, None]
-    attitude = model.H @ S_attitude[..., o.image, :, :]
-    position = -model.R @ S_position[..., o.image, :, :]
-    blocks = [attitude, position, A, model.z_px[..., None]]
-    batch = np.broadcast_shapes(W.shape[:-3], *(block.shape[:-3] for block in blocks))
-    P = W @ np.concatenate([np.broadcast_to(b, (*batch, *b.shape[-3:])) for b in blocks], axis=-1)
-    D = np.zeros((*batch, o.n, 2, 3))
-    again = np.flatnonzero(place >= 0)
-    if again.size:
-        D[..., again, :, :] = (W @ model.R)[..., again, :, :] @ S_landmark[..., place[again], :, :]
-    return Design(P, D, W, S_attitude, S_position, S_landmark, repeated, place)
-
-
-def _sums(values: Array, index: Index, count: int) -> Array:
-    """Sums (..., count, a, b) of the values (..., n, a, b) with the same index (n,)."""
-    total = np.zeros((*values.shape[:-3], count, *values.shape[-2:]))
-    if index.size:
-        order = np.argsort(index, kind="stable")
-        present, starts = np.unique(index[order], return_index=True)
-        total[..., present, :, :] = np.add.reduceat(values[..., order, :, :], starts, axis=-3)
-    return total
-
-
-def _groups(image: Index, count: int) -> Iterator[tuple[Index, Index]]:
-    """Images (g,) with equally many sightings, and those sightings (g, M)."""
-    order = np.argsort(image, kind="stable")
-    counts = np.bincount(image, minlength=count)
-    starts = np.concatenate([[0], np.cumsum(counts)[:-1]])
-    for size in np.unique(counts[counts > 0]):
-        group = np.flatnonzero(counts == size)
-        yield group, order[starts[group, None] + np.arange(size)]
 
 
 @dataclass(frozen=True)
@@ -158,7 +88,7 @@ def normal_equations(o: Observations, d: Design) -> Normal:
     inverse = np.array(np.broadcast_to(np.eye(6), (*batch, m, 6, 6)))
     coupled, common = np.zeros((*batch, m, 6, k + 1)), np.zeros((*batch, k + 1, k + 1))
     left = np.empty((*batch, o.n if q else 0, 2, k + 1))  # only landmarks seen again ask for it
-    for group, sightings in _groups(o.image, m):
+    for group, sightings in groups(o.image, m):
         rows = d.P[..., sightings, :, :].reshape(*batch, group.size, -1, 7 + k)
         squares = rows.mT @ rows
         inverse[..., group, :, :] = np.linalg.inv(squares[..., :6, :6] + np.eye(6))
@@ -172,12 +102,12 @@ def normal_equations(o: Observations, d: Design) -> Normal:
     YY[..., :k, :k], Yz[..., :k, :] = common[..., :k, :k], common[..., :k, k:]
     seen = np.flatnonzero(d.place >= 0)
     place, D = d.place[seen], d.D[..., seen, :, :]
-    across = _sums(D.mT @ left[..., seen, :, :], place, q).reshape(*batch, 3 * q, k + 1)
+    across = sums(D.mT @ left[..., seen, :, :], place, q).reshape(*batch, 3 * q, k + 1)
     YY[..., k:, :k], YY[..., :k, k:], Yz[..., k:, :] = across[..., :k], across[..., :k].mT, across[..., k:]
-    GD = _sums(d.P[..., seen, :, :6].mT @ D, o.image[seen] * q + place, m * q).reshape(*batch, m, q, 6, 3)
+    GD = sums(d.P[..., seen, :, :6].mT @ D, o.image[seen] * q + place, m * q).reshape(*batch, m, q, 6, 3)
     GD = np.moveaxis(GD, -3, -2).reshape(*batch, m, 6, 3 * q)
     landmark = k + 3 * np.arange(q)[:, None] + np.arange(3)
-    YY[..., landmark[:, :, None], landmark[:, None, :]] = _sums(D.mT @ D, place, q) + np.eye(3)
+    YY[..., landmark[:, :, None], landmark[:, None, :]] = sums(D.mT @ D, place, q) + np.eye(3)
     YY[..., k:, k:] -= (inverse @ GD).reshape(*batch, 6 * m, -1).mT @ GD.reshape(*batch, 6 * m, -1)
     GY = np.concatenate([coupled[..., :-1], GD], axis=-1)
     return Normal(inverse, GY, coupled[..., -1:], YY, Yz, common[..., k, k])
@@ -212,6 +142,8 @@ def solve(
     ``x ~ N(prior_step, prior_information^-1)``, shapes (..., k) and (..., k, k).  Where the common
     parameters are not determined their covariance is infinite and their step zero.
     """
+    if is_large(observations, model, A):
+        return _of_large(observations, (model, A), prior_information, prior_step)
     d = whiten(observations, model, A)
     n, k = normal_equations(observations, d), A.shape[-1]
     # landmarks seen repeatedly go next, x is left
@@ -230,6 +162,47 @@ def solve(
         off = x - prior_step
         chi2 = np.sum(off * (prior_information @ off[..., None])[..., 0], axis=-1)
     return _with_shared_errors(observations, d, n, (x, information, covariance, chi2), b)
+
+
+def is_large(o: Observations, model: Linearised, A: Array) -> bool:
+    """Whether a table is without batch axes and too large for dense matrices."""
+    if o.batch or model.H.ndim > 3 or A.ndim > 3 or o.cov_landmark_J.ndim > 3 or o.cov_attitude_E.ndim > 3:
+        return False
+    return o.n > LARGE or int(np.sum(np.bincount(o.landmark) > 1)) > MANY
+
+
+def _of_large(
+    o: Observations,
+    linear: tuple[Linearised, Array],
+    prior_information: Array | None,
+    prior_step: Array | None,
+) -> Adjustment:
+    """The same with the shared errors eliminated by :mod:`starplumb.arrow`."""
+    shared, k = Shared.of(o, *linear), linear[1].shape[-1]
+    information, right = shared.squares[:k, :k], shared.squares[:k, k]
+    chi2, step = 0.0, np.zeros(k)
+    if prior_information is not None and prior_step is not None:
+        information, right = information + prior_information, right - prior_information @ prior_step
+        step = prior_step
+    covariance = invert_information(information)
+    x = -(np.where(np.isfinite(covariance), covariance, 0.0) @ right)
+    if prior_information is not None:
+        chi2 = float((x - step) @ prior_information @ (x - step))
+    y = np.append(x, 1.0)
+    a, b, v = -(shared.C_image @ y), -(shared.C_landmark @ y), shared.left @ y
+    roots = shared.table.roots
+    pi_J = np.zeros((o.n_landmarks, 3))
+    pi_J[roots.repeated] = (roots.S_landmark @ b[..., None])[..., 0]
+    return Adjustment(
+        x=x,
+        information=information,
+        covariance=covariance,
+        alpha_E=(roots.S_attitude @ a[:, :3, None])[..., 0],
+        rho_J=(roots.S_position @ a[:, 3:, None])[..., 0],
+        pi_J=pi_J,
+        v=v,
+        chi2=np.asarray(chi2 + np.sum(v * v) + np.sum(a * a) + np.sum(b * b)),
+    )
 
 
 def _with_shared_errors(
