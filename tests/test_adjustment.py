@@ -56,7 +56,7 @@ def check(o, model, A, found, information=None, step=None):
     assert found.chi2 == pytest.approx(chi2, rel=1e-8)
 
 
-@pytest.fixture(params=["dense", "images first", "landmarks first"])
+@pytest.fixture(params=["dense", "images first", "landmarks first", "woven"])
 def way(request, monkeypatch):
     """How the shared errors are eliminated: of a small table, and of a large one by either side."""
     if request.param != "dense":
@@ -66,7 +66,8 @@ def way(request, monkeypatch):
         monkeypatch.setattr(arrow, "WINDOW", 100)
         monkeypatch.setattr(covisibility, "LEAST", 1)
         cheaper = covisibility._cheaper
-        goes = request.param == "images first"
+        goes = request.param != "landmarks first"
+        monkeypatch.setattr(arrow, "STORED", 0 if request.param == "woven" else arrow.STORED)
         monkeypatch.setattr(covisibility, "_cheaper", lambda *a: np.full_like(cheaper(*a), goes))
     return request.param
 
@@ -136,6 +137,53 @@ def test_weight_zero_is_absence(problem, rng):
     np.testing.assert_allclose(found.covariance, expected.covariance, rtol=1e-8)
     assert found.chi2 == pytest.approx(expected.chi2)
     np.testing.assert_array_equal(found.v[weight == 0], 0.0)
+
+
+def chain(rng):
+    """Fourteen images in two parts: each meets the next two, some landmarks are seen once, one twice in an image."""
+    o = observe(truth(FRAME, images=14, markers=24, tilt_deg=0.0))
+    landmark = np.where(rng.random(o.n) < 0.2, o.landmark, 0)
+    shared = np.flatnonzero(landmark == 0)
+    first = o.image[shared] // 7 * 7
+    landmark[shared] = 7 * first + 5 * (o.image[shared] - first) + rng.integers(12, size=shared.size)
+    landmark[0] = landmark[1]
+    return measure(replace(o, landmark=landmark), C_EK_TRUE, Errors.draw(o, rng))
+
+
+def test_a_chain_of_images_is_solved_block_by_block(way, rng):
+    """Several blocks and two components, against one dense matrix."""
+    o = chain(rng)
+    model = linearise(o, C_EK_TRUE)
+    check(o, model, model.H, solve(o, model, model.H))
+    places = np.unique(o.landmark, return_counts=True)
+    again = np.flatnonzero(np.isin(o.landmark, places[0][places[1] > 1]))
+    place = np.unique(o.landmark[again], return_inverse=True)[1]
+    plans = covisibility.plans(o.image[again], place, o.n_images, place.max() + 1)
+    if way in ("images first", "landmarks first"):
+        plan = plans[way == "landmarks first"]
+        assert plan.blocks.size > 5
+        block = np.searchsorted(plan.blocks, plan.column, side="right") - 1
+        assert np.all((block == plan.window[plan.row]) | (block == plan.window[plan.row] + 1))
+
+
+def test_the_side_goes_that_leaves_less():
+    """Ten images of two hundred landmarks keep the images, a hundred images of five keep the landmarks; side by side."""
+    image = np.concatenate([np.repeat(np.arange(10), 200), 10 + np.repeat(np.arange(100), 5)])
+    landmark = np.concatenate([np.tile(np.arange(200), 10), 200 + np.tile(np.arange(5), 100)])
+    of_images, of_landmarks = covisibility.plans(image, landmark, 110, 205)
+    assert sorted(of_landmarks.kept) == list(range(10))
+    assert sorted(of_landmarks.gone) == list(range(200))
+    assert sorted(of_images.gone) == list(range(10, 110))
+    assert sorted(of_images.kept) == list(range(200, 205))
+
+
+def test_what_is_not_a_number_has_no_solution(way):
+    o = observe(truth(FRAME, images=4, markers=9, shared_site=True))
+    model = linearise(o, C_EK_TRUE)
+    model.z_px[3] = np.nan
+    with np.errstate(invalid="ignore"):
+        found = solve(o, model, model.H)
+    assert not np.isfinite(found.chi2)
 
 
 def test_residuals_of_repeated_markers_are_the_pixel_noise_left(rng):

@@ -17,7 +17,7 @@ MODULES = {
     path.relative_to(ROOT).with_suffix("").as_posix().replace("/", "."): path for path in ROOT.rglob("*.py")
 }
 FLOORS = {
-    0: "errors units so3 small tridiagonal rows",
+    0: "errors units so3 small tridiagonal conjugate rows",
     1: "earth timescales orientation orbit lens camera series corrections layout",
     2: "campaign trackers observations model geometry adjustment whitening arrow covisibility streaming parameters",
     3: "estimators simulate scene passes sources error_models reliability",

@@ -178,7 +178,11 @@ def _of_large(
     prior_step: Array | None,
 ) -> Adjustment:
     """The same with the shared errors eliminated by :mod:`starplumb.arrow`."""
-    shared, k = Shared.of(o, *linear), linear[1].shape[-1]
+    k = linear[1].shape[-1]
+    try:
+        shared = Shared.of(o, *linear)
+    except np.linalg.LinAlgError:
+        return _nothing(o, k)
     information, right = shared.squares[:k, :k], shared.squares[:k, k]
     chi2, step = 0.0, np.zeros(k)
     if prior_information is not None and prior_step is not None:
@@ -203,6 +207,14 @@ def _of_large(
         v=v,
         chi2=np.asarray(chi2 + np.sum(v * v) + np.sum(a * a) + np.sum(b * b)),
     )
+
+
+def _nothing(o: Observations, k: int) -> Adjustment:
+    """No solution: nothing is a number, and nothing is determined."""
+    none = np.full(k, np.nan)
+    images, landmarks = np.full((o.n_images, 3), np.nan), np.full((o.n_landmarks, 3), np.nan)
+    covariance, v = np.full((k, k), np.inf), np.full((o.n, 2), np.nan)
+    return Adjustment(none, np.zeros((k, k)), covariance, images, images, landmarks, v, np.asarray(np.nan))
 
 
 def _with_shared_errors(

@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .conjugate import conjugate_gradients
 from .covisibility import Plan, plans
 from .model import Linearised
 from .observations import Observations
@@ -35,6 +36,10 @@ CHUNK = 16_384
 """Sightings of a chunk."""
 WINDOW = 1 << 19
 """Doubles of eliminated rows that are spread out at a time."""
+STORED = 1 << 27
+"""Doubles (1 GB) up to which the kept side's matrix is factored..."""
+CUBES, CUBES_PER_PAIR = 5e10, 1e5
+"""...and sum of the cubes of its blocks' widths: in all a few seconds, or a few hundred iterations instead."""
 SPARSE = 0.03
 """Share of a window's entries below which its rows are multiplied as sparse ones."""
 
@@ -122,37 +127,75 @@ def _add(total: Array, values: Array, index: Index) -> None:
 @dataclass(frozen=True)
 class Elimination:
     """One side of a part of the graph eliminated: ``root`` (g, e, e) the inverse Cholesky factors of its own blocks,
-    ``M`` (E, e, s) = root times coupling, ``kept`` the factored matrix of the other side."""
+    ``M`` (E, e, s) = root times coupling, ``kept`` what solves for the other side."""
 
     plan: Plan
     root: Array
     M: Array
-    kept: BlockTridiagonal
+    kept: BlockTridiagonal | Woven
 
     @classmethod
     def of(cls, plan: Plan, n: Normal) -> Elimination:
         own, other = (n.II, n.LL) if plan.images_go else (n.LL, n.II)
         root = np.linalg.inv(np.linalg.cholesky(own[plan.gone]))
         M = np.empty((plan.edges.size, *plan.sizes))
-        for at in range(0, plan.edges.size, CHUNK):
-            part = slice(at, at + CHUNK)
+        for part in _parts(plan.edges.size):
             W = n.IL[plan.edges[part]]
             M[part] = root[plan.row[part]] @ (W if plan.images_go else W.mT)
+        if plan.width_squares > STORED or plan.width_cubes > max(CUBES, CUBES_PER_PAIR * plan.edges.size):
+            return cls(plan, root, M, Woven.of(plan, M, other[plan.kept]))
         return cls(plan, root, M, BlockTridiagonal.factor(*_reduced(plan, M, other[plan.kept])))
-
-    def coupling(self) -> Any:
-        """M as a sparse matrix (e g, s h)."""
-        return _sparse(self.plan, self.M, slice(0, self.plan.gone.size))
 
     def solve(self, n: Normal) -> tuple[Array, Array]:
         """C of the nodes that are gone (g, e, k + 1) and of those kept (h, s, k + 1)."""
         p, (e, s), width = self.plan, self.plan.sizes, n.IF.shape[-1]
         gone, kept = (n.IF, n.LF) if p.images_go else (n.LF, n.IF)
         right = (self.root @ gone[p.gone]).reshape(e * p.gone.size, width)
-        M = self.coupling()
-        C_kept = self.kept.solve(kept[p.kept].reshape(s * p.kept.size, width) - M.T @ right)
-        left = (right - M @ C_kept).reshape(p.gone.size, e, width)
-        return self.root.mT @ left, C_kept.reshape(p.kept.size, s, width)
+        taken = _transposed(p, self.M, right.reshape(p.gone.size, e, width))
+        C_kept = self.kept.solve((kept[p.kept] - taken).reshape(s * p.kept.size, width))
+        right -= _sparse(p, self.M, slice(0, p.gone.size)) @ C_kept
+        return self.root.mT @ right.reshape(p.gone.size, e, width), C_kept.reshape(p.kept.size, s, width)
+
+
+@dataclass(frozen=True)
+class Woven:
+    """What is left of the kept side where all of it hangs together too closely to be factored: ``own`` (h, s, s) blocks
+    and the eliminated rows M, taken for what they are; conjugate gradients with the diagonal blocks' inverse."""
+
+    own: Array
+    M: Any
+    M_transposed: Any
+    inverse: Array
+
+    @classmethod
+    def of(cls, plan: Plan, M: Array, own: Array) -> Woven:
+        rows = _sparse(plan, M, slice(0, plan.gone.size))
+        left = own.copy()
+        for part in _parts(plan.edges.size):
+            _add(left, -(M[part].mT @ M[part]), plan.column[part])
+        return cls(own, rows, rows.T, np.asarray(np.linalg.inv(left), dtype=np.float64))
+
+    def solve(self, right: Array) -> Array:
+        def blocks(B: Array, y: Array) -> Array:
+            return np.asarray((B @ y.reshape(*B.shape[:2], -1)).reshape(y.shape))
+
+        return conjugate_gradients(
+            lambda y: blocks(self.own, y) - self.M_transposed @ (self.M @ y),
+            lambda r: blocks(self.inverse, r),
+            right,
+        )
+
+
+def _parts(count: int) -> Iterator[slice]:
+    return (slice(at, min(at + CHUNK, count)) for at in range(0, count, CHUNK))
+
+
+def _transposed(plan: Plan, M: Array, right: Array) -> Array:
+    """M^T right, (h, s, c), of right (g, e, c)."""
+    total = np.zeros((plan.kept.size, plan.sizes[1], right.shape[-1]))
+    for part in _parts(plan.edges.size):
+        _add(total, M[part].mT @ right[plan.row[part]], plan.column[part])
+    return total
 
 
 def _sparse(plan: Plan, M: Array, gone: slice, first: int = 0, last: int | None = None) -> Any:
@@ -222,7 +265,7 @@ class Shared:
 
     @classmethod
     def of(cls, o: Observations, model: Linearised, A: Array) -> Shared:
-        """Raises LinAlgError where the numbers are not finite."""
+        """Raises LinAlgError where the numbers are not finite, or their solution does not converge."""
         t = Table.of(o, model, A)
         n = Normal.of(t)
         C_image, C_landmark = np.zeros_like(n.IF), np.zeros_like(n.LF)

@@ -46,10 +46,15 @@ class Plan:
         return (IMAGE, LANDMARK) if self.images_go else (LANDMARK, IMAGE)
 
     @property
-    def stored(self) -> int:
-        """Doubles that the kept side's matrix takes."""
-        width = self.sizes[1] * np.diff(self.blocks).astype(np.int64)
+    def width_squares(self) -> int:
+        """Entries of the kept side's matrix, blocks on and below the diagonal."""
+        width = self.sizes[1] * np.diff(self.blocks)
         return int(np.sum(width**2) + np.sum(width[1:] * width[:-1]))
+
+    @property
+    def width_cubes(self) -> float:
+        """Sum of the cubes of its blocks' widths."""
+        return float(np.sum((self.sizes[1] * np.diff(self.blocks).astype(np.float64)) ** 3))
 
 
 def plans(image: Index, landmark: Index, m: int, q: int) -> tuple[Plan, Plan]:
