@@ -19,6 +19,7 @@ Parser = Callable[[bytes], Parsed]
 
 WORTHWHILE = 1 << 22
 """Bytes of a file from which on PyArrow, where it is installed, makes up for its import (0.05 s)."""
+_LETTERS = 16
 _MOST_LETTERS = 1 << 10
 
 
@@ -35,8 +36,8 @@ def parser_for(size: int, header: Sequence[str], wanted: Wanted) -> Parser:
 def numpy_parser(header: Sequence[str], wanted: Wanted) -> Parser:
     """Parser by ``numpy.loadtxt``, which leaves numbers to the same function of Python as ``float`` does.
 
-    It cuts a text that is longer than its cell: cells, twice as wide as the first text at first, grow until no text
-    fills one.
+    It cuts a text that is longer than its cell: cells grow, from twice what the first row needs, until no text fills
+    one.
     """
     texts = {name: str(header.index(name)) for name in wanted.texts_in(header)}
     numbers = {name: str(header.index(name)) for name in wanted.numbers_in(header)}
@@ -50,7 +51,7 @@ def numpy_parser(header: Sequence[str], wanted: Wanted) -> Parser:
     def parse(piece: bytes) -> Parsed:
         nonlocal letters
         lines = piece.decode("ascii").removesuffix("\n").split("\n")
-        letters = letters or 2 * max(map(len, lines[0].split(",")))
+        letters = letters or max(_LETTERS, 2 * max(map(len, lines[0].split(","))))
         rows = rows_of(lines, letters)
         while any(np.strings.str_len(rows[place]).max() == letters for place in texts.values()):
             letters *= 4
