@@ -22,7 +22,7 @@ def geodetic_to_itrf(latitude: npt.ArrayLike, longitude: npt.ArrayLike, height: 
 
     ``r = A^2 n / |A n| + h n`` with n the upward normal and A = diag(a, a, b).
     """
-    up = C_JT(latitude, longitude)[..., 2]
+    up = _up(latitude, longitude)
     foot = _SEMI_AXES**2 * up / np.linalg.norm(_SEMI_AXES * up, axis=-1, keepdims=True)
     r_J: Float = foot + np.asarray(height, dtype=float)[..., None] * up
     return r_J
@@ -49,19 +49,27 @@ def itrf_to_geodetic(r_J: npt.ArrayLike) -> tuple[Float, Float, Float]:
         tangent = b * up[0], a * up[1]
     latitude = np.arctan2(*up)
     longitude = np.arctan2(y, x)
-    return latitude, longitude, _height(r_J, C_JT(latitude, longitude)[..., 2])
+    return latitude, longitude, _height(r_J, _up(latitude, longitude))
 
 
 def C_JT(latitude: npt.ArrayLike, longitude: npt.ArrayLike) -> Float:
     """(..., 3, 3): takes local-level coordinates (east, north, up) to ITRF; its columns are e_J, n_J, u_J."""
     lat, lon = np.broadcast_arrays(np.asarray(latitude, dtype=float), np.asarray(longitude, dtype=float))
-    sin_lat, cos_lat, sin_lon, cos_lon = np.sin(lat), np.cos(lat), np.sin(lon), np.cos(lon)
-    rows = [
-        [-sin_lon, -sin_lat * cos_lon, cos_lat * cos_lon],
-        [cos_lon, -sin_lat * sin_lon, cos_lat * sin_lon],
-        [np.zeros_like(lat), cos_lat, sin_lat],
-    ]
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    sin_lat, sin_lon, cos_lon = np.sin(lat), np.sin(lon), np.cos(lon)
+    C = np.empty((*lat.shape, 3, 3))
+    C[..., 0, 0], C[..., 1, 0], C[..., 2, 0] = -sin_lon, cos_lon, 0.0
+    C[..., 0, 1], C[..., 1, 1], C[..., 2, 1] = -sin_lat * cos_lon, -sin_lat * sin_lon, np.cos(lat)
+    C[..., 2] = _up(lat, lon)
+    return C
+
+
+def _up(latitude: npt.ArrayLike, longitude: npt.ArrayLike) -> Float:
+    """The ellipsoid's upward normal ``u_J`` (..., 3)."""
+    cos_lat = np.cos(latitude)
+    return np.stack(
+        np.broadcast_arrays(cos_lat * np.cos(longitude), cos_lat * np.sin(longitude), np.sin(latitude)),
+        axis=-1,
+    )
 
 
 def intersect_ellipsoid(r_J: npt.ArrayLike, u_J: npt.ArrayLike, height: npt.ArrayLike = 0.0) -> Float:

@@ -27,6 +27,7 @@ CARTESIAN = ("x_m", "y_m", "z_m")
 SIGMA_ENU = ("sigma_east_m", "sigma_north_m", "sigma_up_m")
 LIMITS = {"latitude_deg": (-90.0, 90.0), "longitude_deg": (-180.0, 360.0), "height_m": (-1000.0, 9500.0)}
 RADIUS_M = (6.3e6, 6.4e6)
+_BLOCK = 1 << 14
 MOST_ROWS = 10_000_000
 """A line scanner's rows are epochs, which orbit and attitude bound; beyond so many of them is a slip of the pen."""
 
@@ -103,9 +104,17 @@ def landmarks_from(table: Table) -> Landmarks:
             table.numbers[name] >= 0.0, name, "a sigma in metres, 0 or more (0 claims an exact landmark)"
         )
     sigma = np.broadcast_to(table.columns(*columns), (len(table), 3))
-    C = C_JT(latitude, longitude)
-    covariance_J = (C * sigma[:, None, :] ** 2) @ C.mT
-    return Landmarks(tuple(table.texts["landmark_id"]), r_J, covariance_J)
+    return Landmarks(tuple(table.texts["landmark_id"]), r_J, _turned(sigma, latitude, longitude))
+
+
+def _turned(sigma: Array, latitude: Array, longitude: Array) -> Array:
+    """``C_JT diag(sigma^2) C_TJ`` (n, 3, 3); in blocks, since the rotations would take as much memory again."""
+    covariance_J = np.empty((len(sigma), 3, 3))
+    for start in range(0, len(sigma), _BLOCK):
+        part = slice(start, start + _BLOCK)
+        C = C_JT(latitude[part], longitude[part])
+        np.matmul(C * sigma[part, None, :] ** 2, C.mT, out=covariance_J[part])
+    return covariance_J
 
 
 def require_radius(table: Table, r: Array, limits: tuple[float, float], what: str) -> None:
@@ -187,7 +196,7 @@ def _one_of(table: Table, a: tuple[str, ...], b: tuple[str, ...]) -> tuple[str, 
 
 def _lookup(table: Table, column: str, known: Sequence[str], what: str) -> Index:
     """Index of each id among the known ones. Raises InputError about the first that is not."""
-    place: Mapping[str, int] = {name: i for i, name in enumerate(known)}
+    place: Mapping[str, int] = dict(zip(known, range(len(known)), strict=True))
     ids = table.texts[column]
     index = np.fromiter(map(place.get, ids, repeat(-1)), dtype=np.int64, count=len(ids))
     if (index < 0).any():
@@ -200,16 +209,15 @@ def _lookup(table: Table, column: str, known: Sequence[str], what: str) -> Index
 
 def _require_new_pairs(table: Table, image: Index, landmark: Index, n_landmarks: int) -> None:
     pair = image * n_landmarks + landmark
-    distinct, first = np.unique(pair, return_index=True)
-    if distinct.size < pair.size:
-        again = np.ones(pair.size, dtype=bool)
-        again[first] = False
-        row = int(np.argmax(again))
-        earlier = int(first[np.searchsorted(distinct, pair[row])])
-        ids = f"{show(table.texts['landmark_id'][row])} in image {show(table.texts['image_id'][row])}"
-        where = f"{table.path}, row {table.line[row]}, column landmark_id"
-        first_row = table.line[earlier]
-        raise InputError(f"{where}: found {ids} again (first in row {first_row}), wanted each pair once")
+    if np.all(np.diff(np.sort(pair))):
+        return
+    _, first, back = np.unique(pair, return_index=True, return_inverse=True)
+    earlier = first[back]
+    row = int(np.argmax(earlier != np.arange(pair.size)))
+    ids = f"{show(table.texts['landmark_id'][row])} in image {show(table.texts['image_id'][row])}"
+    where = f"{table.path}, row {table.line[row]}, column landmark_id"
+    first_row = table.line[earlier[row]]
+    raise InputError(f"{where}: found {ids} again (first in row {first_row}), wanted each pair once")
 
 
 def _pixels(table: Table, grid: Grid) -> tuple[Array, Array, Array]:
@@ -231,11 +239,13 @@ def bounds_px(count: float, shift_px: float) -> tuple[float, float]:
 
 
 def _roles(table: Table) -> NDArray[np.bool_]:
-    roles = table.texts.get("role", ["control"] * len(table))
-    for row, role in enumerate(roles):
-        if role not in ("control", "check"):
-            raise table.error(row, "role", role, '"control" or "check"')
-    check = np.array([role == "check" for role in roles])
+    roles = table.texts.get("role")
+    if roles is None:
+        return np.zeros(len(table), dtype=np.bool_)
+    if unknown := set(roles) - {"control", "check"}:
+        row = next(row for row, role in enumerate(roles) if role in unknown)
+        raise table.error(row, "role", roles[row], '"control" or "check"')
+    check = np.fromiter(map("check".__eq__, roles), dtype=np.bool_, count=len(roles))
     if check.all():
         raise InputError(
             f"{table.path}, column role: found only check points, wanted some with the role control"
@@ -245,8 +255,7 @@ def _roles(table: Table) -> NDArray[np.bool_]:
 
 def _unseen(path: Path, kind: str, ids: Sequence[str], seen: Index) -> list[str]:
     """A notice about images or landmarks without a row."""
-    count = np.bincount(seen, minlength=len(ids))
-    unseen = [name for name, n in zip(ids, count, strict=True) if n == 0]
+    unseen = [ids[i] for i in np.flatnonzero(np.bincount(seen, minlength=len(ids)) == 0).tolist()]
     if not unseen:
         return []
     named = ", ".join(unseen[:3]) + (f" and {len(unseen) - 3} more" if len(unseen) > 3 else "")
