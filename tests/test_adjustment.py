@@ -167,7 +167,7 @@ def test_a_chain_of_images_is_solved_block_by_block(way, rng):
 
 
 def test_the_side_goes_that_leaves_less():
-    """Ten images of two hundred landmarks keep the images, a hundred images of five keep the landmarks; side by side."""
+    """Of ten images and two hundred landmarks the landmarks; of a hundred images of five, beside them, the images."""
     image = np.concatenate([np.repeat(np.arange(10), 200), 10 + np.repeat(np.arange(100), 5)])
     landmark = np.concatenate([np.tile(np.arange(200), 10), 200 + np.tile(np.arange(5), 100)])
     of_images, of_landmarks = covisibility.plans(image, landmark, 110, 205)

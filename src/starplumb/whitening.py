@@ -26,16 +26,23 @@ def square_root(covariance: Array) -> Array:
     return np.asarray((vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :]) @ vectors.mT)
 
 
-def _inverse_root_2x2(V: Array, smallest: Array) -> Array:
-    """Lower triangular W with W V W^T = I for symmetric V (..., 2, 2) with no eigenvalue below ``smallest`` (...)."""
-    a, b, c = V[..., 0, 0], V[..., 0, 1], V[..., 1, 1]
-    l00 = np.sqrt(a)
-    l10 = b / l00
+def _inverse_root(a: Array, b: Array, c: Array, smallest: Array) -> Array:
+    """Lower triangular W (..., 2, 2) with W V W^T = I for V = [[a, b], [b, c]], no eigenvalue below ``smallest``."""
+    W = np.zeros((*np.broadcast_shapes(np.shape(a), np.shape(b), np.shape(c)), 2, 2))
+    W[..., 0, 0] = 1.0 / np.sqrt(a)
+    l10 = b * W[..., 0, 0]
     # rounding may take the difference below what it can be
-    l11 = np.sqrt(np.maximum(c - l10 * l10, smallest))
-    W = np.zeros_like(V)
-    W[..., 0, 0], W[..., 1, 1], W[..., 1, 0] = 1.0 / l00, 1.0 / l11, -l10 / (l00 * l11)
+    W[..., 1, 1] = 1.0 / np.sqrt(np.maximum(c - l10 * l10, smallest))
+    W[..., 1, 0] = -l10 * W[..., 0, 0] * W[..., 1, 1]
     return W
+
+
+def _whitened(W: Array, X: Array) -> Array:
+    """W X in place of X (..., 2, s), W (..., 2, 2) lower triangular."""
+    X[..., 1, :] *= W[..., 1, 1, None]
+    X[..., 1, :] += W[..., 1, 0, None] * X[..., 0, :]
+    X[..., 0, :] *= W[..., 0, 0, None]
+    return X
 
 
 @dataclass(frozen=True)
@@ -84,22 +91,33 @@ class Roots:
 
     def rows(self, o: Observations, model: Linearised, A: Array, rows: Rows = slice(None)) -> Design:
         """The design of some rows of the table they were taken from; rows of weight zero vanish."""
-        place, image, sigma_px = self.place[rows], o.image[rows], o.sigma_px[..., rows]
-        R, again = model.R[..., rows, :, :], np.flatnonzero(self.place[rows] >= 0)
-        V = (sigma_px**2)[..., None, None] * np.eye(2)
+        place, image, noise = self.place[rows], o.image[rows], o.sigma_px[..., rows] ** 2
+        R, again = model.R[..., rows, :, :], np.flatnonzero(place >= 0)
+        a, b, c = noise, np.zeros_like(noise), noise
         if again.size < place.size:
-            own = R @ o.cov_landmark_J[..., o.landmark[rows], :, :] @ R.mT
-            V = np.where((place < 0)[:, None, None], own, 0.0) + V
-        W = _inverse_root_2x2(V, sigma_px**2) * np.sqrt(o.weight[..., rows])[..., None, None]
-        attitude = model.H[..., rows, :, :] @ self.S_attitude[..., image, :, :]
-        position = -R @ self.S_position[..., image, :, :]
-        blocks = [attitude, position, A[..., rows, :, :], model.z_px[..., rows, :, None]]
+            once = place < 0
+            spread = R @ o.cov_landmark_J[..., o.landmark[rows], :, :]
+            across, down = R[..., 0, :], R[..., 1, :]
+            a = a + once * np.sum(spread[..., 0, :] * across, axis=-1)
+            b = once * np.sum(spread[..., 1, :] * across, axis=-1)
+            c = c + once * np.sum(spread[..., 1, :] * down, axis=-1)
+        W = _inverse_root(a, b, c, noise) * np.sqrt(o.weight[..., rows])[..., None, None]
+        blocks = [
+            model.H[..., rows, :, :] @ self.S_attitude[..., image, :, :],
+            -R @ self.S_position[..., image, :, :],
+            A[..., rows, :, :],
+            model.z_px[..., rows, :, None],
+        ]
         batch = np.broadcast_shapes(W.shape[:-3], *(block.shape[:-3] for block in blocks))
-        P = W @ np.concatenate([np.broadcast_to(b, (*batch, *b.shape[-3:])) for b in blocks], axis=-1)
+        P = np.empty((*batch, place.size, 2, A.shape[-1] + 7))
+        for at, block in zip((0, 3, 6, P.shape[-1] - 1), blocks, strict=True):
+            P[..., at : at + block.shape[-1]] = block
         D = np.zeros((*batch, place.size, 2, 3))
         if again.size:
-            D[..., again, :, :] = (W @ R)[..., again, :, :] @ self.S_landmark[..., place[again], :, :]
-        return Design(P, D, W, self.S_attitude, self.S_position, self.S_landmark, self.repeated, place)
+            D[..., again, :, :] = R[..., again, :, :] @ self.S_landmark[..., place[again], :, :]
+            D = _whitened(W, D)
+        roots = (self.S_attitude, self.S_position, self.S_landmark)
+        return Design(_whitened(W, P), D, W, *roots, self.repeated, place)
 
 
 def whiten(o: Observations, model: Linearised, A: Array) -> Design:
