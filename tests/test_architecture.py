@@ -19,7 +19,8 @@ MODULES = {
 FLOORS = {
     0: "errors units so3 small tridiagonal conjugate rows",
     1: "earth timescales orientation orbit lens camera series corrections layout",
-    2: "campaign trackers observations model geometry adjustment whitening arrow covisibility streaming parameters",
+    2: "campaign trackers observations model geometry adjustment whitening arrow covisibility streaming parameters "
+    "design_rows",
     3: "estimators simulate scene passes sources error_models reliability",
     4: "",  # what studies, judges and plans: every module not named elsewhere
     5: "io report published",

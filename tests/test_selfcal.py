@@ -48,7 +48,7 @@ def test_jacobian_is_the_difference_quotient(name):
         applied = parameter.apply(o, value)
         o = replace(o, xy_K=o.xy_K + predict(C_EK_TRUE, applied.e_E) - applied.xy_K)
     applied = parameter.apply(o, value)
-    design = parameter.design(applied, linearise(applied, C_EK_TRUE), value)
+    design = parameter.moves(applied, value).design(linearise(applied, C_EK_TRUE))
     for j in range(value.size):
         h = np.zeros_like(value)
         h[j] = 1e-4 * abs(value[j])

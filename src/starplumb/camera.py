@@ -12,7 +12,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .small import solve2
+from .lens import LENS_ROWS, Lens, distort, straighten
 
 Array = NDArray[np.float64]
 
@@ -44,9 +44,7 @@ class Camera(Protocol):
 class Distortion:
     """Brown-Conrady: ideal tangents to those the optics give (the OpenCV convention).
 
-    ``x_d = x (1 + k1 r^2 + k2 r^4 + k3 r^6) + 2 p1 x y + p2 (r^2 + 2 x^2)``,
-    ``y_d = y (1 + k1 r^2 + k2 r^4 + k3 r^6) + p1 (r^2 + 2 y^2) + 2 p2 x y``.
-    Source: D. C. Brown, Decentering distortion of lenses, Photogrammetric Engineering 32 (1966).
+    The formulas stand in :mod:`starplumb.lens`.
     """
 
     k: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -56,36 +54,23 @@ class Distortion:
     def is_zero(self) -> bool:
         return not any(self.k) and not any(self.p)
 
+    @property
+    def lens(self) -> Lens:
+        """The numbers in the order of :mod:`starplumb.lens`."""
+        return (*self.k, *self.p)
+
     def apply(self, xy: Array) -> tuple[Array, Array]:
         """Distorted tangents (..., 2) and their Jacobian (..., 2, 2)."""
-        x, y = xy[..., 0], xy[..., 1]
-        (k1, k2, k3), (p1, p2) = self.k, self.p
-        r2 = x * x + y * y
-        radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
-        slope = k1 + r2 * (2.0 * k2 + r2 * 3.0 * k3)  # d radial / d r2
-        out = np.stack(
-            [
-                x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
-                y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
-            ],
-            axis=-1,
-        )
-        jacobian = np.empty((*x.shape, 2, 2))
-        jacobian[..., 0, 0] = radial + 2.0 * x * x * slope + 2.0 * p1 * y + 6.0 * p2 * x
-        jacobian[..., 1, 1] = radial + 2.0 * y * y * slope + 6.0 * p1 * y + 2.0 * p2 * x
-        jacobian[..., 0, 1] = jacobian[..., 1, 0] = 2.0 * x * y * slope + 2.0 * p1 * x + 2.0 * p2 * y
-        return out, jacobian
+        x, y, xx, mixed, yy = distort(xy[..., 0], xy[..., 1], self.lens)
+        return np.stack([x, y], axis=-1), np.stack([xx, mixed, mixed, yy], axis=-1).reshape(*xy.shape, 2)
 
     def remove(self, xy_d: Array) -> tuple[Array, Array]:
         """Ideal tangents and d ideal / d distorted, by Newton's method (exact where the lens does not fold)."""
-        xy = xy_d.copy()
-        for _ in range(20):
-            out, jacobian = self.apply(xy)
-            step = solve2(jacobian, (xy_d - out)[..., None])[..., 0]
-            xy += step
-            if np.all(np.abs(step) < 1e-9):  # the next one would be its square
-                break
-        return xy, solve2(self.apply(xy)[1], np.eye(2))
+        W = np.empty((LENS_ROWS, xy_d.size // 2))
+        W[:2] = xy_d.reshape(-1, 2).mT
+        if xy_d.size:
+            straighten(W, self.lens)
+        return W[2:4].mT.reshape(xy_d.shape), W[6:10].mT.reshape(*xy_d.shape, 2)
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,8 @@
 """What else than the alignment a campaign may be asked to estimate: optics, look directions, clocks, trackers.
 
-Each kind of parameter says how its value changes the observation table and how it then changes the residual, its
-design, in pixels per unit; the adjustment takes it from there.  Units are SI and radians; values are corrections: the
-truth is what the campaign states plus the value.
+Each kind of parameter says how its value changes the observation table, and what it moves there: the measured tangents,
+the attitude, the position.  The measurement equation does the rest.  Units are SI and radians; values are corrections:
+the truth is what the campaign states plus the value.
 """
 
 from __future__ import annotations
@@ -15,10 +15,11 @@ from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
 from . import so3
-from .camera import Distortion, FrameCamera, LineScanCamera
-from .model import Linearised
+from .camera import FrameCamera, LineScanCamera
+from .lens import LENS_ROWS, Lens, LensNumbers, distort, effects, rephotograph
+from .model import Linearised, by_tangents
 from .observations import Observations
-from .small import solve2
+from .rows import Row
 from .units import DEG
 
 Array = NDArray[np.float64]
@@ -44,14 +45,30 @@ class Parameter(Protocol):
         """The table with the correction ``value`` (..., s) applied."""
         ...
 
-    def design(self, observations: Observations, model: Linearised, value: Array) -> Array:
-        """d z / d value (..., n, 2, s) px per unit, ``observations`` and ``model`` being those at ``value``."""
+    def moves(self, observations: Observations, value: Array) -> Moves:
+        """What a unit of each value moves, ``observations`` being those at ``value``."""
         ...
 
 
-def _through_tangents(model: Linearised, d_xy: Array) -> Array:
-    """dz (..., n, 2, s) from changes of the measured tangents (..., n, 2, s): ``z = B^-1 (h - xy)``."""
-    return -solve2(model.B, d_xy)
+@dataclass(frozen=True)
+class Moves:
+    """What a unit of each of s values moves: the tangents by ``xy_K`` (..., n, 2, s) rad, the attitude by a turn
+    ``turn_E`` (..., n, 3, s) rad, the position by ``shift_J`` (..., n, 3, s) m; None for what stands still."""
+
+    xy_K: Array | None = None
+    turn_E: Array | None = None
+    shift_J: Array | None = None
+
+    def design(self, model: Linearised) -> Array:
+        """d z / d value (..., n, 2, s) px per unit: ``-B^-1 xy_K - H turn_E + R shift_J``."""
+        parts = []
+        if self.xy_K is not None:
+            parts.append(by_tangents(model, self.xy_K))
+        if self.turn_E is not None:
+            parts.append(-model.H @ self.turn_E)
+        if self.shift_J is not None:
+            parts.append(model.R @ self.shift_J)
+        return np.asarray(sum(parts))
 
 
 OPTICS = ("focal_length", "principal_column", "principal_row", "k1", "k2", "k3", "p1", "p2")
@@ -80,56 +97,46 @@ class Optics:
         every = dict(zip(OPTICS, (0.1 * c.focal_length, size, size, *distortion), strict=True))
         return tuple(every[name] for name in self.names)
 
-    def at(self, value: Array) -> FrameCamera:
-        """The camera with a correction (s,) applied."""
-        d = dict.fromkeys(OPTICS, 0.0) | dict(zip(self.names, np.asarray(value).tolist(), strict=True))
+    @property
+    def places(self) -> list[int]:
+        """Places of the names in :data:`OPTICS`."""
+        return [OPTICS.index(name) for name in self.names]
+
+    def at(self, value: Array) -> tuple[Row, Row, Row, Row, Lens]:
+        """Focal length, pitch / focal length, principal point and lens with a correction (..., s) applied."""
         c = self.camera
-        (k1, k2, k3), (p1, p2) = c.distortion.k, c.distortion.p
-        column, row = c.principal_point_px
-        return replace(
-            c,
-            focal_length=c.focal_length + d["focal_length"],
-            principal_point_px=(column + d["principal_column"], row + d["principal_row"]),
-            distortion=Distortion((k1 + d["k1"], k2 + d["k2"], k3 + d["k3"]), (p1 + d["p1"], p2 + d["p2"])),
-        )
+        numbers = [c.focal_length, *c.principal_point_px, *c.distortion.lens]
+        for i, place in enumerate(self.places):
+            numbers[place] = numbers[place] + value[..., i]
+        f, column_px, row_px, k1, k2, k3, p1, p2 = numbers
+        return f, c.pitch / f, column_px, row_px, (k1, k2, k3, p1, p2)
+
+    def through(self, value: Array) -> LensNumbers:
+        """What takes tangents of the stated camera to those at ``value``."""
+        f, scale, column_px, row_px, lens = self.at(value)
+        c = self.camera
+        x, y = scale * (c.principal_point_px[0] - column_px), scale * (c.principal_point_px[1] - row_px)
+        return c.focal_length / f, x, y, f, scale, lens, c.distortion.lens
 
     def apply(self, observations: Observations, value: Array) -> Observations:
-        pixel = self.camera.px_from_tan(observations.xy_K)
-        batch = np.broadcast_shapes(value.shape[:-1], pixel.shape[:-2])
-        pixel = np.broadcast_to(pixel, (*batch, *pixel.shape[-2:]))
-        values = np.broadcast_to(value, (*batch, value.shape[-1]))
-        xy, slope = np.empty(pixel.shape), np.empty((*pixel.shape, 2))
-        for run in np.ndindex(*batch):
-            xy[run], slope[run] = self.at(values[run]).tan_from_px(*pixel[run].T)
-        return replace(observations, xy_K=xy, slope_K=slope)
+        xy = observations.xy_K
+        W = np.empty((LENS_ROWS, *np.broadcast_shapes((*value.shape[:-1], 1), xy.shape[:-1])))
+        W[2], W[3] = xy[..., 0], xy[..., 1]
+        rephotograph(W, self.through(value[..., None, :]))
+        slope = np.moveaxis(W[6:10], 0, -1).reshape(*W.shape[1:], 2, 2)
+        return replace(observations, xy_K=np.moveaxis(W[2:4], 0, -1), slope_K=slope)
 
-    def design(self, observations: Observations, model: Linearised, value: Array) -> Array:
-        o = observations
-        batch = o.xy_K.shape[:-2]
-        values = np.broadcast_to(value, (*batch, value.shape[-1]))
-        d_xy = np.empty((*o.xy_K.shape, len(self.names)))
-        for run in np.ndindex(*batch):
-            d_xy[run] = self._slopes(self.at(values[run]), o.xy_K[run], o.slope_K[run])
-        return _through_tangents(model, d_xy)
-
-    def _slopes(self, camera: FrameCamera, xy: Array, slope: Array) -> Array:
-        """d xy / d value (n, 2, s) of one run."""
-        x, y = xy[:, 0], xy[:, 1]
-        r2 = x * x + y * y
-        xy_d, _ = camera.distortion.apply(xy)
-        scale = camera.pitch / camera.focal_length
-        inverse = slope / scale  # D'^-1
-        distorted = {
-            "focal_length": xy_d / camera.focal_length,
-            "k1": xy * r2[:, None],
-            "k2": xy * r2[:, None] ** 2,
-            "k3": xy * r2[:, None] ** 3,
-            "p1": np.stack([2.0 * x * y, r2 + 2.0 * y * y], axis=-1),
-            "p2": np.stack([r2 + 2.0 * x * x, 2.0 * x * y], axis=-1),
-            "principal_column": np.broadcast_to([scale, 0.0], xy.shape),
-            "principal_row": np.broadcast_to([0.0, scale], xy.shape),
-        }
-        return np.asarray(-inverse @ np.stack([distorted[name] for name in self.names], axis=-1))
+    def moves(self, observations: Observations, value: Array) -> Moves:
+        focal_length, scale, _, _, lens = self.at(value[..., None, :])
+        x, y = observations.xy_K[..., 0], observations.xy_K[..., 1]
+        u, v, a, b, c = distort(x, y, lens)
+        across, down = effects(x, y, (u, v), focal_length, scale)
+        i = 1.0 / (a * c - b * b)
+        d_xy = np.empty((*x.shape, 2, len(self.names)))
+        for at, place in enumerate(self.places):
+            d_xy[..., 0, at] = i * (b * down[place] - c * across[place])
+            d_xy[..., 1, at] = i * (b * across[place] - a * down[place])
+        return Moves(xy_K=d_xy)
 
 
 @dataclass(frozen=True)
@@ -173,11 +180,11 @@ class LookAngles:
         slopes[..., :, 0] += bent
         return replace(o, xy_K=xy, slope_K=slopes)
 
-    def design(self, observations: Observations, model: Linearised, value: Array) -> Array:
+    def moves(self, observations: Observations, value: Array) -> Moves:
         stated = observations.xy_K  # the columns are those of the stated look directions
         for _ in range(2):
             stated = observations.xy_K - (self._basis(stated)[0] @ value[..., None, :, None])[..., 0]
-        return _through_tangents(model, self._basis(stated)[0])
+        return Moves(xy_K=self._basis(stated)[0])
 
 
 @dataclass(frozen=True)
@@ -209,13 +216,12 @@ class TimeOffset:
         r_J = o.r_J + dt * o.v_J if self._moves else o.r_J
         return o.with_geometry(C_EJ=C_EJ, r_J=r_J)
 
-    def design(self, observations: Observations, model: Linearised, value: Array) -> Array:
-        o, rate = observations, np.zeros((*model.z_px.shape, 1))
-        if self._turns:
-            rate = rate - model.H @ o.omega_E[..., None]
-        if self._moves:
-            rate = rate + model.R @ o.v_J[..., None]
-        return rate
+    def moves(self, observations: Observations, value: Array) -> Moves:
+        o = observations
+        return Moves(
+            turn_E=o.omega_E[..., None] if self._turns else None,
+            shift_J=o.v_J[..., None] if self._moves else None,
+        )
 
 
 @dataclass(frozen=True)
@@ -241,7 +247,7 @@ class TrackerMounting:
         C_EJ = np.where(turned, so3.exp(-value)[..., None, :, :] @ o.C_EJ, o.C_EJ)
         return o.with_geometry(C_EJ=C_EJ)
 
-    def design(self, observations: Observations, model: Linearised, value: Array) -> Array:
+    def moves(self, observations: Observations, value: Array) -> Moves:
         # exp(-delta - d) = exp(-J(-delta) d) exp(-delta)
         J = so3.left_jacobian(-value)[..., None, :, :]
-        return np.where(self.images[observations.image][:, None, None], model.H @ J, 0.0)
+        return Moves(turn_E=np.where(self.images[observations.image][:, None, None], -J, 0.0))

@@ -1,4 +1,4 @@
-"""The fuzzy observer on component rows (:mod:`.rows`): one source for NumPy and for compiled code.
+"""The fuzzy observer on component rows (:mod:`starplumb.rows`): one source for NumPy and for compiled code.
 
 A work buffer ``W`` (rows, width) holds a block of trials: the quaternion of C_EK (4), the state of P (6), and for each
 sighting e_K (3), e_E (3), the axes of J in E in the order of the equations (9) and the floor of gamma (1).
@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from .rows import (
+from ..rows import (
     Array,
     Row,
     Triple,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,7 +13,7 @@ from ..adjustment import Adjustment, solve
 from ..model import Linearised, linearise
 from ..observations import Observations
 from ..parameters import Parameter
-from ..streaming import Part, Sum, sample, sampled, stream, streams
+from ..streaming import Stream, Sum, sample, sampled, streams
 from .gls import SINGULAR_SIGMA, mounting_prior
 from .protocol import AlignmentEstimate, ParameterVector, Status
 from .wahba import Wahba
@@ -62,11 +63,12 @@ class SelfCalibration:
     """
 
     parameters: tuple[Parameter, ...] = ()
-    tolerance: float = 1e-6
+    tolerance: float = 1e-3
     """Error left in units of the estimate's own sigma at which to stop, as judged by how fast the steps shrink."""
-    large_tolerance: float = 2e-2
-    """The same for a table of a hundred thousand sightings and more, whose sigmas are far below anything else."""
     max_iterations: int = 20
+    compiled: bool = False
+    """Take large tables through the same formulas compiled by numba (the extra ``fast``): worth its start of some
+    seconds from ten million sightings on."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -110,7 +112,7 @@ class SelfCalibration:
             o = parameter.apply(o, slices[-1])
             at += len(parameter.names)
         model = linearise(o, state.C_EK)
-        parts = [p.design(o, model, value) for p, value in zip(self.parameters, slices, strict=True)]
+        parts = [p.moves(o, value).design(model) for p, value in zip(self.parameters, slices, strict=True)]
         parts += [] if o.common_px is None else [o.common_px]
         batch = np.broadcast_shapes(*(part.shape[:-3] for part in (model.H, *parts)))
         A = np.concatenate([np.broadcast_to(p, (*batch, *p.shape[-3:])) for p in (model.H, *parts)], axis=-1)
@@ -134,9 +136,8 @@ class SelfCalibration:
         """Iterate from a state to convergence."""
         shape = state.C_EK.shape[:-2]
         converged, iterations = np.zeros(shape, dtype=bool), np.zeros(shape, dtype=np.int64)
-        tolerance = self.large_tolerance if sampled(observations) else self.tolerance
-        before = np.full(shape, np.inf)
-        solution = self._step(observations, state, C_EK)
+        before, step = np.full(shape, np.inf), self._stepper(observations, C_EK)
+        solution = step(state)
         for _ in range(self.max_iterations):
             state = state.moved(solution.x)
             iterations += ~converged
@@ -144,26 +145,22 @@ class SelfCalibration:
             length = np.sqrt((x.mT @ solution.information @ x)[..., 0, 0])
             # steps that shrink by q leave q / (1 - q) of the last one; the first has nothing to be compared with
             q = np.where(np.isfinite(before), np.minimum(length / np.maximum(before, 1e-300), 0.5), 0.5)
-            converged, before = converged | (length * q / (1.0 - q) < tolerance), length
+            converged, before = converged | (length * q / (1.0 - q) < self.tolerance), length
             if np.all(converged):
                 break
-            solution = self._step(observations, state, C_EK)
+            solution = step(state)
         prior = self._prior(observations, state, C_EK)[0]
         vector = self._vector(prior, state, solution) if self.parameters else None
         return replace(
             self._report(observations, state, solution, (converged, iterations)), parameters=vector
         )
 
-    def _step(self, o: Observations, state: State, C_EK_model: Array) -> Adjustment | Sum:
+    def _stepper(self, o: Observations, C_EK_model: Array) -> Callable[[State], Adjustment | Sum]:
         """The linear step at a state; of a large table in chunks."""
         if not streams(o):
-            return self.problem(o, state, C_EK_model).solve()
-
-        def linear(part: Observations) -> Part:
-            problem = self.problem(part, state, C_EK_model)
-            return problem.observations, problem.model, problem.A
-
-        return stream(o, linear, self._prior(o, state, C_EK_model))
+            return lambda state: self.problem(o, state, C_EK_model).solve()
+        stream = Stream.of(o, self.parameters, self.compiled)
+        return lambda state: stream.step(state.C_EK, state.values, self._prior(o, state, C_EK_model))
 
     def _report(
         self,

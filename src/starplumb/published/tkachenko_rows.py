@@ -21,7 +21,7 @@ from ..estimators.observer_rows import (
     updates,
     vector_equation,
 )
-from ..estimators.rows import (
+from ..rows import (
     Array,
     Quaternion,
     Row,

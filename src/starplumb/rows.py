@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError
+from .errors import InputError
 
 Array = NDArray[np.float64]
 Row = Any
@@ -35,6 +35,11 @@ COMPILED_WIDTH = 128
 
 larger = np.maximum
 root = np.sqrt
+
+
+def extreme(row: Row) -> float:
+    """Largest magnitude of a row."""
+    return float(np.max(np.abs(row)))
 
 
 def block_width(trials: int) -> int:
@@ -54,6 +59,20 @@ def rows_at(W: Array, first: int, spare: Array) -> Array:
 
 def put_back(W: Array, first: int, part: Array) -> None:
     """Bring what was written to ``rows_at`` back into W: nothing to do for a view."""
+
+
+def spare_window(buffer: Array) -> Array:
+    """Room for a window on ``buffer`` (compiled: of fixed width)."""
+    return buffer
+
+
+def window(buffer: Array, start: int, spare: Array, rows: int) -> Array:
+    """Trials ``start``, ... of a buffer: itself (compiled: the first rows of as many as ``spare`` has room for)."""
+    return buffer
+
+
+def put_window(buffer: Array, start: int, part: Array, rows: int) -> None:
+    """Bring what was written to a ``window`` behind its first rows back: nothing to do for the buffer itself."""
 
 
 def dot(a: Triple, b: Triple) -> Row:
@@ -132,14 +151,20 @@ def specialise(
     helpers: Iterable[Callable[..., Any]],
     replaced: Mapping[str, Callable[..., Any]],
     compiled: bool,
+    width: int = COMPILED_WIDTH,
 ) -> Callable[..., Any]:
     """``entry`` in a namespace of its own: ``helpers`` likewise, and the functions ``replaced`` by name.
 
-    ``helpers`` come in an order in which each uses only those before it.  Compiled, numba sees strict floating point
-    (no reordering, so that results do not depend on the compiler) and NumPy's division, which has no branch.
+    ``helpers`` come in an order in which each uses only those before it.  Compiled, buffers are ``width`` trials wide,
+    and numba sees strict floating point (no reordering, so that results do not depend on the compiler) and NumPy's
+    division, which has no branch.
     Raises InputError where numba is not installed.
     """
-    space: dict[str, Any] = {**globals(), **entry.__globals__, **replaced}
+    helpers = tuple(helpers)
+    space: dict[str, Any] = dict(globals())
+    for function in (*helpers, entry):
+        space |= function.__globals__
+    space |= replaced
     if not compiled:
         for function in helpers:
             space[function.__name__] = FunctionType(function.__code__, space, function.__name__)
@@ -156,7 +181,7 @@ def specialise(
             "compiled: found no numba, wanted starplumb installed with its extra 'fast'"
         ) from None
     inline = numba.njit(error_model="numpy", forceinline=True)
-    for name, primitive in _compiled_primitives().items():
+    for name, primitive in _compiled_primitives(width).items():
         space[name] = inline(primitive)
     space["root"] = math.sqrt
     for helper in (*ALGEBRA, *helpers):
@@ -167,33 +192,56 @@ def specialise(
     return run
 
 
-def _compiled_primitives() -> dict[str, Callable[..., Any]]:
+def _compiled_primitives(width: int) -> dict[str, Callable[..., Any]]:
     """What takes the place of the functions above that know of NumPy."""
 
-    def width(trials: int) -> int:
-        return COMPILED_WIDTH
+    def fixed(trials: int) -> int:
+        return width
 
     def indices() -> range:
-        return range(COMPILED_WIDTH)
+        return range(width)
 
     def copied(W: Array, first: int, spare: Array) -> Array:
         for i in range(len(spare)):
-            for at in range(COMPILED_WIDTH):
+            for at in range(width):
                 spare[i, at] = W[first + i, at]
         return spare
 
     def returned(W: Array, first: int, part: Array) -> None:
         for i in range(len(part)):
-            for at in range(COMPILED_WIDTH):
+            for at in range(width):
                 W[first + i, at] = part[i, at]
+
+    def room(buffer: Array) -> Array:
+        return np.zeros((len(buffer), width))
+
+    def opened(buffer: Array, start: int, spare: Array, rows: int) -> Array:
+        count = min(width, buffer.shape[1] - start)
+        for i in range(rows):
+            for at in range(count):
+                spare[i, at] = buffer[i, start + at]
+        return spare
+
+    def closed(buffer: Array, start: int, part: Array, rows: int) -> None:
+        count = min(width, buffer.shape[1] - start)
+        for i in range(rows, len(buffer)):
+            for at in range(count):
+                buffer[i, start + at] = part[i, at]
 
     def greater(a: float, b: float) -> float:
         return a if a > b else b
 
+    def magnitude(number: float) -> float:
+        return abs(number)
+
     return {
-        "block_width": width,
+        "block_width": fixed,
         "lanes": indices,
         "rows_at": copied,
         "put_back": returned,
+        "spare_window": room,
+        "window": opened,
+        "put_window": closed,
         "larger": greater,
+        "extreme": magnitude,
     }
