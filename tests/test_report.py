@@ -365,3 +365,53 @@ def test_a_wrong_stated_sigma_is_written_on_the_badge():
         "axes": dict.fromkeys("xyz", axis | {"error_over_stated": None}),
     }
     assert "the stated sigmas hold" in simulation_page(document | {"methods": {"gls": fine}})
+
+
+def test_of_very_many_images_and_landmarks_the_worst_are_listed(campaign, monkeypatch):
+    done = calibrate(campaign, Gls())
+    names = ("camera", "star_tracker")
+    provenance = {"corrections": {}, "notices": [], "earth_orientation": None}
+    full = result_document(done, "gls", names, {}, provenance)
+    assert "not_listed" not in full
+    monkeypatch.setattr("starplumb.io.result.LISTED_AT_MOST", 3)
+    monkeypatch.setattr("starplumb.report.calibration_tables.IMAGES_AT_MOST", 2)
+    monkeypatch.setattr("starplumb.report.calibration_tables.LISTED_AT_MOST", 2)
+    short = result_document(done, "gls", names, {}, provenance)
+    for kind, key in (("images", "rms_px"), ("landmarks", "rms_own_px")):
+        worst = sorted(full[kind], key=lambda row: -row[key])[:3]
+        assert short[kind] == [row for row in full[kind] if row in worst]
+        assert short["not_listed"][kind] == len(full[kind]) - 3
+    text = " ".join("".join(Seen(calibration_page(done, short)).text).split())
+    assert f"The worst first; {len(full['images']) - 2} more are left out here." in text
+    assert f"The worst first; {len(full['landmarks']) - 2} more are in residuals.csv." in text
+
+
+def test_of_very_many_rejections_the_largest_are_shown(campaign):
+    rejected = [
+        {
+            "image_id": "i",
+            "landmark_id": f"mark{k:05d}",
+            "statistic": 4.0 + k % 997 + k * 1e-5,
+            "reason": "sighting",
+        }
+        for k in range(5000)
+    ]
+    page, _ = page_of(campaign, rejected=rejected)
+    text = " ".join("".join(Seen(page).text).split())
+    assert f"The largest statistic first; {5000 - 200} more are in result.json." in text
+    largest = max(rejected, key=lambda r: r["statistic"])["landmark_id"]
+    assert largest in text
+    assert text.count("mark0") == 200
+
+
+def test_listed_residuals_are_those_of_the_sightings(campaign):
+    done = calibrate(campaign, Gls())
+    document = result_document(done, "gls", ("camera", "star_tracker"), {}, {})
+    o, r = done.observations, done.residuals
+    for kind, index in (("images", o.image), ("landmarks", o.landmark)):
+        for i, row in enumerate(document[kind]):
+            mine = r.used & (index == i)
+            assert row["observations"] == np.sum(mine)
+            for key, px in (("rms_px", r.after_px), ("rms_own_px", r.fit_px)):
+                expected = np.sqrt(np.mean(px[mine] ** 2)) if np.any(mine) else 0.0
+                assert row[key] == pytest.approx(expected, rel=1e-12)

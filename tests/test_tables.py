@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import gc
 import json
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from starplumb.errors import InputError
 from starplumb.io.files import fingerprint, nearest, read_text, show
 from starplumb.io.tables import read_table
-from starplumb.io.write import csv_text, json_text, publish, write_text
+from starplumb.io.write import csv_pieces, csv_text, json_text, publish, write_text
 
 PLAIN = "id,x,y\na,1.5,-2\nb,+3e2,.5\n"
 
@@ -178,8 +181,44 @@ def test_csv_text_reads_back(tmp_path: Path) -> None:
     )
     assert read.texts["name"] == names
     assert read.numbers["value"].tolist() == values
-    with pytest.raises(ValueError, match="shorter"):
+    with pytest.raises(ValueError, match="the column b has 0 rows, wanted 1"):
         csv_text(["a", "b"], [[1.0], []])
+
+
+@given(st.lists(st.floats(), min_size=1))
+def test_written_floats_read_back_to_the_same_bits(values: list[float]) -> None:
+    cells = csv_text(["x"], [np.array(values)]).splitlines()[1:]
+    assert [repr(float(cell)) for cell in cells] == [repr(value) for value in values]
+
+
+def test_masked_cells_are_empty_and_others_say_what_they_are() -> None:
+    x = np.ma.masked_invalid([1.5, np.nan, np.inf])
+    text = csv_text(["x", "y", "z"], [x, np.array([0.1, np.nan, -np.inf]), [1, True, "a"]])
+    assert text == "x,y,z\n1.5,0.1,1\n,nan,True\n,-inf,a\n"
+
+
+def test_a_long_table_comes_in_pieces(tmp_path: Path) -> None:
+    n = 100_000
+    names = [f"n{i}" for i in range(n)]
+    tracemalloc.start()
+    publish(tmp_path, {"t.csv": csv_pieces(["name", *"abcdefgh"], [names, *[np.arange(n) / 7.0] * 8])})
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    size = (tmp_path / "t.csv").stat().st_size
+    assert peak < 0.8 * size
+    read = read_table(tmp_path / "t.csv", texts=["name"], numbers=["a", "h"])
+    assert read.texts["name"] == names
+    np.testing.assert_array_equal(read.numbers["h"], np.arange(n) / 7.0)
+
+
+def test_nothing_is_left_when_a_piece_fails(tmp_path: Path) -> None:
+    def pieces():
+        yield "one\n"
+        raise ValueError("no more")
+
+    with pytest.raises(ValueError, match="no more"):
+        publish(tmp_path, {"a": "fine", "b": pieces()})
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_json_text_has_no_nan() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
@@ -116,16 +117,17 @@ def _publish(
     loaded: LoadedCampaign, done: Calibration, method: str, out: Path, report: bool, labels: Labels | None
 ) -> dict[str, Any]:
     """Write the files of the result, all or none, and return result.json; files of an earlier one go."""
-    from ..io.result import provenance, residual_columns, residual_names, result_document
+    from ..io.residual_table import residual_columns, residual_names
+    from ..io.result import provenance, result_document
     from ..io.spice import frame_kernel_text
-    from ..io.write import csv_text, json_text, publish
+    from ..io.write import csv_pieces, json_text, publish
 
     frames = ("camera", loaded.config.tracker)
     document = result_document(done, method, frames, loaded.inputs, provenance(loaded), loaded.C_EK_true)
     document |= {} if labels is None else {"labels": labels.counts}
-    files = {
+    files: dict[str, str | Iterable[str]] = {
         "result.json": json_text(document),
-        "residuals.csv": csv_text(residual_names(done), residual_columns(done, loaded.shift_px)),
+        "residuals.csv": csv_pieces(residual_names(done), residual_columns(done, loaded.shift_px)),
     }
     if labels is not None:
         from .choices import label_files
@@ -155,7 +157,7 @@ def _publish_map(done: Calibration, shift_px: float, out: Path) -> None:
     """The residuals at their landmarks as a layer of points."""
     from ..earth import itrf_to_geodetic
     from ..io.geopackage import write_residuals
-    from ..io.result import residual_columns, residual_names
+    from ..io.residual_table import residual_columns, residual_names
     from ..units import DEG
 
     place_J = done.campaign.landmarks.r_J[done.campaign.sightings.landmark]

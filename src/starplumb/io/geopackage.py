@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 
 from starplumb.errors import InputError
 
+from .write import Column
+
 Array = NDArray[np.float64]
 
 LAYER = "residuals"
@@ -32,7 +34,7 @@ def write_residuals(
     latitude_deg: Array,
     longitude_deg: Array,
     names: Sequence[str],
-    columns: Sequence[Sequence[object]],
+    columns: Sequence[Column],
 ) -> None:
     """Write points (n,) of WGS 84 with the columns of ``residuals.csv`` as attributes, beside and then renamed.
 
@@ -68,8 +70,8 @@ def write_residuals(
         beside.unlink(missing_ok=True)
 
 
-def _field(column: Sequence[object]) -> NDArray[Any]:
-    """A column of text, or of numbers in which an empty cell is no number."""
-    if all(isinstance(cell, str) for cell in column) and any(cell for cell in column):
-        return np.array(column, dtype=object)
-    return np.array([np.nan if cell == "" else cell for cell in column], dtype=np.float64)
+def _field(column: Column) -> NDArray[Any]:
+    """A column of text, or of numbers in which an empty (masked) cell is no number."""
+    if isinstance(column, np.ndarray):
+        return np.asarray(np.ma.filled(column, np.nan))
+    return np.array(column, dtype=object)

@@ -1,9 +1,9 @@
-"""The files of a calibration: result.json, residuals.csv and the SPICE kernel mounting.tf."""
+"""``result.json``: what a calibration found, as a document, and the mounting read back from it."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,6 @@ from ..estimators.protocol import ParameterVector
 from ..residuals import Accuracy, rms
 from ..separability import known
 from ..shares import shares
-from ..snooping import Snooping
 from ..units import ARCSEC
 from ..wanted import UNITS, unit_of
 from .campaign import LoadedCampaign
@@ -26,6 +25,8 @@ from .files import read_text
 Array = NDArray[np.float64]
 
 SCHEMA = "starplumb-result/1"
+LISTED_AT_MOST = 10_000
+"""Images, and landmarks, in ``result.json``; of more the worst: who opens it looks for those."""
 
 
 def result_document(
@@ -73,8 +74,7 @@ def result_document(
         ],
         **_budget(c),
         **({} if estimate.parameters is None else _parameters(c, estimate.parameters)),
-        "images": _images(c),
-        "landmarks": _landmarks(c),
+        **_shared(c),
         **({} if truth is None else {"truth": _truth(c, truth)}),
         "inputs": dict(inputs),
         "software": {"starplumb": __version__, "numpy": np.__version__},
@@ -211,108 +211,52 @@ def _parameters(c: Calibration, p: ParameterVector) -> dict[str, Any]:
     return {"parameters": listed, "parameter_covariance": covariance}
 
 
-def _images(c: Calibration) -> list[dict[str, Any]]:
-    """Each image's residuals and its own estimated attitude and position error, and how many sigmas that is."""
-    r, rows = c.residuals, []
-    statistic = None if c.snooping is None else np.sqrt(c.snooping.tested.images[0])
-    for i, name in enumerate(c.campaign.images.ids):
-        mine = r.used & (c.observations.image == i)
-        rows.append(
-            {
-                "image_id": name,
-                "observations": int(np.sum(mine)),
-                "rms_px": numbers(rms(r.after_px[mine])),
-                "rms_own_px": numbers(rms(r.fit_px[mine])),
-                "attitude_error_arcsec": numbers(r.alpha_E[i] / ARCSEC),
-                "position_error_m": numbers(r.rho_J[i]),
-                "statistic": None if statistic is None else numbers(statistic[i]),
-            }
-        )
-    return rows
-
-
-def _landmarks(c: Calibration) -> list[dict[str, Any]]:
-    r, rows = c.residuals, []
-    order = np.argsort(c.observations.landmark, kind="stable")
-    bounds = np.searchsorted(c.observations.landmark[order], np.arange(len(c.campaign.landmarks.ids) + 1))
-    for i, name in enumerate(c.campaign.landmarks.ids):
-        mine = order[bounds[i] : bounds[i + 1]]
-        mine = mine[r.used[mine]]
-        rows.append(
-            {
-                "landmark_id": name,
-                "observations": int(mine.size),
-                "rms_px": numbers(rms(r.after_px[mine])),
-                "rms_own_px": numbers(rms(r.fit_px[mine])),
-            }
-        )
-    return rows
-
-
-RESIDUAL_COLUMNS = [
-    "image_id",
-    "landmark_id",
-    "role",
-    "column_px",
-    "row_px",
-    "before_column_px",
-    "before_row_px",
-    "after_column_px",
-    "after_row_px",
-    "own_column_px",
-    "own_row_px",
-    "normalised",
-    "before_east_m",
-    "before_north_m",
-    "after_east_m",
-    "after_north_m",
-]
-"""``residuals.csv``: predicted minus measured pixel before, after, and less each image's and landmark's own error."""
-RELIABILITY_COLUMNS = [
-    "statistic",
-    "w_column",
-    "w_row",
-    "tau_column",
-    "tau_row",
-    "redundancy",
-    "detectable_column_px",
-    "detectable_row_px",
-    "effect_arcsec",
-]
-"""What :class:`starplumb.snooping.Snooping` says of each sighting, behind the others where the method says it."""
-
-
-def residual_names(c: Calibration) -> Sequence[str]:
-    """Header of ``residuals.csv``."""
-    return [*RESIDUAL_COLUMNS, *([] if c.snooping is None else RELIABILITY_COLUMNS)]
-
-
-def residual_columns(c: Calibration, shift_px: float) -> Sequence[Sequence[object]]:
-    """Columns of ``residuals.csv``, one row a sighting in the order of the observation table.
-
-    Pixels are given as the user counts them, ``shift_px`` ahead of ours.
-    """
-    s, r = c.campaign.sightings, c.residuals
+def _shared(c: Calibration) -> dict[str, Any]:
+    """Images and landmarks with their residuals; of very many those that fit worst, and how many are left out."""
     images, landmarks = c.campaign.images.ids, c.campaign.landmarks.ids
-    role = np.where(s.check, "check", np.where(r.used, "control", "rejected"))
-    pairs = (r.before_px, r.after_px, r.fit_px)
-    ground = (r.before_m, r.after_m)
-    return [
-        [images[i] for i in s.image],
-        [landmarks[i] for i in s.landmark],
-        role.tolist(),
-        (s.column_px + shift_px).tolist(),
-        (s.row_px + shift_px).tolist(),
-        *(pair[:, i].tolist() for pair in pairs for i in range(2)),
-        r.normalised.tolist(),
-        *(pair[:, i].tolist() for pair in ground for i in range(2)),
-        *([] if c.snooping is None else _reliability_columns(c.snooping)),
-    ]
+    of_images = _grouped(c, c.observations.image, len(images))
+    of_landmarks = _grouped(c, c.observations.landmark, len(landmarks))
+    left = {
+        "images": max(len(images) - LISTED_AT_MOST, 0),
+        "landmarks": max(len(landmarks) - LISTED_AT_MOST, 0),
+    }
+    return {
+        "images": [_image(c, i) | _residuals(of_images, i) for i in _worst(of_images[:, 1])],
+        "landmarks": [
+            {"landmark_id": landmarks[i]} | _residuals(of_landmarks, i) for i in _worst(of_landmarks[:, 2])
+        ],
+        **({"not_listed": left} if any(left.values()) else {}),
+    }
 
 
-def _reliability_columns(s: Snooping) -> Sequence[Sequence[object]]:
-    """An error that nothing would show (infinite) is left empty."""
-    detectable = [["" if np.isinf(x) else x for x in s.detectable_px[:, i].tolist()] for i in range(2)]
-    effect = ["" if not np.isfinite(x) else x for x in (s.effect_E / ARCSEC).tolist()]
-    pairs = [values[:, i].tolist() for values in (s.w, s.tau) for i in range(2)]
-    return [s.statistic.tolist(), *pairs, s.redundancy.tolist(), *detectable, effect]
+def _grouped(c: Calibration, group: NDArray[np.int64], n: int) -> Array:
+    """Sightings used, rms and own rms in pixels of each of n groups, (n, 3); zeros for none."""
+    r = c.residuals
+    mine = group[r.used]
+    count = np.bincount(mine, minlength=n)
+    squares = (np.sum(px[r.used] ** 2, axis=-1) for px in (r.after_px, r.fit_px))
+    roots = (np.sqrt(np.bincount(mine, s, n) / np.maximum(2 * count, 1)) for s in squares)
+    return np.stack([count, *roots], axis=-1)
+
+
+def _worst(rms_px: Array) -> list[int]:
+    """Rows that are listed, in order: all, or those of the largest rms."""
+    chosen = np.argsort(-rms_px, kind="stable")[:LISTED_AT_MOST]
+    return [int(i) for i in np.sort(chosen)]
+
+
+def _residuals(grouped: Array, i: int) -> dict[str, Any]:
+    count, rms_px, own = grouped[i]
+    return {"observations": int(count), "rms_px": numbers(rms_px), "rms_own_px": numbers(own)}
+
+
+def _image(c: Calibration, i: int) -> dict[str, Any]:
+    """An image's own estimated attitude and position error, and how many sigmas that is."""
+    r = c.residuals
+    tested = None if c.snooping is None else c.snooping.tested.images[0][i]
+    return {
+        "image_id": c.campaign.images.ids[i],
+        "attitude_error_arcsec": numbers(r.alpha_E[i] / ARCSEC),
+        "position_error_m": numbers(r.rho_J[i]),
+        "statistic": None if tested is None else numbers(np.sqrt(tested)),
+    }

@@ -19,7 +19,8 @@ Array = NDArray[np.float64]
 Document = Mapping[str, Any]
 
 IMAGES_AT_MOST = 100
-"""Images in the table of the page; result.json has all of them."""
+REJECTED_AT_MOST = 200
+"""Images and rejected sightings in the tables of the page; result.json has more of them."""
 LISTED_AT_MOST = 40
 """Markers and sightings in the tables of the page; residuals.csv has all of them."""
 
@@ -153,22 +154,27 @@ def fit_words(document: Document) -> tuple[str, ...]:
 
 
 def rejections(document: Document) -> tuple[Table, ...]:
+    """Sightings that were rejected; of very many those with the largest statistic."""
     rejected: Sequence[Document] = document["rejected"]
     if not rejected:
         return ()
+    left = len(rejected) - REJECTED_AT_MOST
+    if left > 0:
+        rejected = sorted(rejected, key=lambda r: -(r["statistic"] or 0.0))[:REJECTED_AT_MOST]
     rows = [
         (str(r["image_id"]), str(r["landmark_id"]), str(r["reason"]), number(r["statistic"]))
         for r in rejected
     ]
-    return (Table("Rejected sightings", ("image", "marker", "reason", "statistic"), rows, text_columns=3),)
+    note = f"The largest statistic first; {left} more are in result.json." if left > 0 else ""
+    head = ("image", "marker", "reason", "statistic")
+    return (Table("Rejected sightings", head, rows, text_columns=3, note=note),)
 
 
 def images(document: Document) -> tuple[Table, ...]:
     """Each image's residuals and its own estimated error; of very many the worst."""
-    found = list(document["images"])
-    left = len(found) - IMAGES_AT_MOST
-    if left > 0:
-        found = sorted(found, key=lambda i: -(i["rms_px"] or 0.0))[:IMAGES_AT_MOST]
+    found, left = list(document["images"]), 0
+    if len(found) > IMAGES_AT_MOST:
+        found, left = _worst(document, "images", "rms_px", IMAGES_AT_MOST)
     rows = [
         (
             str(i["image_id"]),
@@ -193,14 +199,13 @@ def images(document: Document) -> tuple[Table, ...]:
     note = (
         "Attitude and position are each image's own errors as the adjustment finds them, the statistic their misfit in "
         "sigmas; own rms is what is left."
-    ) + (f" The worst first; {left} more are in result.json." if left > 0 else "")
+    ) + (f" The worst first; {left} more are left out here." if left > 0 else "")
     return (Table("Images", head, rows, note=note),)
 
 
 def markers(document: Document) -> tuple[Table, ...]:
     """Each marker's residuals, the worst first."""
-    seen = [row for row in document["landmarks"] if row["observations"] > 0]
-    seen.sort(key=lambda row: -(row["rms_own_px"] or 0.0))
+    found, left = _worst(document, "landmarks", "rms_own_px", LISTED_AT_MOST)
     rows = [
         (
             str(row["landmark_id"]),
@@ -208,11 +213,17 @@ def markers(document: Document) -> tuple[Table, ...]:
             number(row["rms_px"]),
             number(row["rms_own_px"]),
         )
-        for row in seen[:LISTED_AT_MOST]
+        for row in found
     ]
-    left = len(seen) - len(rows)
     note = f"The worst first; {left} more are in residuals.csv." if left > 0 else "The worst first."
     return (Table("Markers", ("marker", "sightings", "rms, px", "own rms, px"), rows, note=note),)
+
+
+def _worst(document: Document, kind: str, key: str, most: int) -> tuple[list[Document], int]:
+    """So many of the sighted images or landmarks, the largest ``key`` first, and how many more there are."""
+    sighted = [row for row in document[kind] if row["observations"] > 0]
+    found = sorted(sighted, key=lambda row: -(row[key] or 0.0))[:most]
+    return found, len(sighted) - len(found) + int(document.get("not_listed", {}).get(kind, 0))
 
 
 def reliability(c: Calibration) -> tuple[tuple[str, ...], tuple[()], tuple[Table, ...]]:
