@@ -19,7 +19,7 @@ from .adjustment import invert_information
 from .design_rows import COLUMN, LENS, NO_LENS, PER_RAD, ROW, ROWS, WHITENING, filler, load
 from .model import Nine
 from .observations import PER_SIGHTING, Observations
-from .parameters import Moves, Optics, Parameter
+from .parameters import OPTICS, Moves, Optics, Parameter
 from .whitening import square_root
 
 Array = NDArray[np.float64]
@@ -156,8 +156,11 @@ class Stream:
         W = np.empty((ROWS, o.image[rows].size))
         load(W, o, rows)
         filler(self.compiled)(W, cast("Nine", tuple(C_EK.reshape(-1).tolist())), lens)
-        pairs = [(W[COLUMN : COLUMN + LENS], W[ROW : ROW + LENS])]
-        for parameter, value in zip(self.parameters, own, strict=True):
+        width, rest = LENS, list(zip(self.parameters, own, strict=True))
+        if rest and isinstance(rest[0][0], Optics) and rest[0][0].names == OPTICS:
+            width, rest = LENS + len(OPTICS), rest[1:]  # a whole lens stands where it should already
+        pairs = [(W[COLUMN : COLUMN + width], W[ROW : ROW + width])]
+        for parameter, value in rest:
             if isinstance(parameter, Optics):
                 places = LENS + np.array(parameter.places)
                 pairs.append((W[COLUMN + places], W[ROW + places]))
@@ -165,7 +168,7 @@ class Stream:
                 pairs.append(_moved(W, parameter.moves(o, value)))
         if o.common_px is not None:
             pairs.append(_whitened(W, o.common_px[rows]))
-        return _multiplied([np.concatenate(axis) for axis in zip(*pairs, strict=True)], images)
+        return _multiplied([_joined(axis) for axis in zip(*pairs, strict=True)], images)
 
 
 Pair = tuple[Array, Array]
@@ -190,6 +193,11 @@ def _whitened(W: Array, px: Array) -> Pair:
     p, q, r = W[WHITENING : WHITENING + 3]
     x, y = np.moveaxis(px, (1, 2), (0, 1))
     return p * x, q * x + r * y
+
+
+def _joined(parts: Sequence[Array]) -> Array:
+    """Rows one under the other."""
+    return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
 
 def _multiplied(axes: Sequence[Array], images: int) -> tuple[Array, Array]:
