@@ -21,7 +21,7 @@ FLOORS = {
     1: "earth timescales orientation orbit lens camera series corrections layout",
     2: "campaign trackers observations model geometry adjustment whitening arrow covisibility streaming parameters "
     "design_rows",
-    3: "estimators simulate scene passes sources error_models reliability",
+    3: "estimators simulate scene passes sources error_models reliability portions",
     4: "",  # what studies, judges and plans: every module not named elsewhere
     5: "io report published",
     6: "cli",

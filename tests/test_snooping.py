@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+import tracemalloc
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from scipy.linalg import block_diag
 from scipy.stats import chi2 as chi2_distribution
 
 from problems import C_EK_TRUE, FRAME, LINE, truth
-from starplumb import so3
+from starplumb import so3, streaming
 from starplumb.adjustment import solve
 from starplumb.estimators.gls import Gls
 from starplumb.estimators.protocol import Verdict
@@ -18,9 +19,11 @@ from starplumb.estimators.robust import Robust
 from starplumb.estimators.selfcal import SelfCalibration
 from starplumb.geometry import observe
 from starplumb.model import linearise
+from starplumb.parameters import Optics
 from starplumb.reliability import reliability
+from starplumb.residuals import residuals
 from starplumb.simulate import Errors, measure
-from starplumb.snooping import problem_at, rejections, snoop
+from starplumb.snooping import fit_at, rejections, snoop
 from starplumb.units import ARCSEC
 
 SCENES = {
@@ -48,8 +51,8 @@ def dense(o, model):
 def snooped(o, weight):
     o = replace(o, weight=weight)
     estimate = Gls()(o, C_EK_TRUE)
-    problem = problem_at(SelfCalibration(), o, C_EK_TRUE, estimate, weight > 0.0)
-    return problem, snoop(problem, estimate)
+    fit = fit_at(SelfCalibration(), o, C_EK_TRUE, estimate, weight > 0.0)
+    return fit, snoop(fit, estimate)
 
 
 @pytest.mark.parametrize("name", SCENES)
@@ -57,8 +60,8 @@ def test_statistics_are_those_of_the_dense_adjustment(name, rng):
     """Baarda's w, the mean-shift test, the detectable error and its effect, from V, A and nothing else."""
     o = SCENES[name]()
     o = measure(o, C_EK_TRUE, Errors.draw(o, rng))
-    problem, found = snooped(o, np.ones(o.n))
-    model = problem.model
+    fit, found = snooped(o, np.ones(o.n))
+    model = fit.whole.model
     P, A = np.linalg.inv(dense(o, model)), model.H.reshape(-1, 3)
     N = np.linalg.inv(A.T @ P @ A)
     M = P - P @ A @ N @ A.T @ P  # P Q_vv P
@@ -95,12 +98,12 @@ def test_a_sighting_left_out_has_the_statistic_it_had(name, rng):
     weight = np.ones(o.n)
     _, inside = snooped(o, weight)
     weight[4] = 0.0
-    problem, outside = snooped(o, weight)
+    fit, outside = snooped(o, weight)
     for field in ("statistic", "redundancy", "effect_E", "w", "detectable_px"):
         np.testing.assert_allclose(
             getattr(outside, field)[4], getattr(inside, field)[4], rtol=2e-3, atol=2e-4
         )
-    fall = Gls()(o, C_EK_TRUE).chi2 - Gls()(problem.observations, C_EK_TRUE).chi2
+    fall = Gls()(o, C_EK_TRUE).chi2 - Gls()(fit.whole.observations, C_EK_TRUE).chi2
     assert outside.statistic[4] ** 2 == pytest.approx(fall, rel=1e-3)
 
 
@@ -137,6 +140,68 @@ def test_the_image_statistic_is_that_of_freeing_the_image(rng):
     assert tested.images[0][1] == pytest.approx(held.chi2 - freed.chi2, rel=0.1)
 
 
+def uneven(rng):
+    """Twenty images of two to thirty sightings, one of sixty and one of none, in no order; a tenth left out."""
+    o = observe(truth(FRAME, 22, 60))
+    most = np.append(np.arange(2, 40)[::2][:19], [31, 60, 0])
+    o = o.select(rng.permutation(np.flatnonzero(np.arange(o.n) % 60 < most[o.image])))
+    o = measure(o, C_EK_TRUE, Errors.draw(o, rng))
+    used = rng.random(o.n) > 0.1
+    used[o.image == 5] = False
+    return o, used
+
+
+def test_portions_say_what_the_whole_says(monkeypatch, rng):
+    """Of a large table that is never held whole: statistics, residuals and error budget are those of the dense one."""
+    o, used = uneven(rng)
+    calibration = SelfCalibration((Optics(FRAME, ("focal_length", "k1"), (np.inf, 1.0)),))
+    estimate = calibration(o.select(used), C_EK_TRUE)
+
+    def judged():
+        fit = fit_at(calibration, o, C_EK_TRUE, estimate, used)
+        verdict = np.where(used, 0, np.where(o.image == 5, int(Verdict.IMAGE), int(Verdict.SIGHTING)))
+        found = snoop(fit, estimate)
+        return found, residuals(fit, used), rejections(fit, found, verdict), fit
+
+    whole = judged()
+    for name, value in (("LARGE", 50), ("CHUNK", 40)):
+        monkeypatch.setattr(streaming, name, value)
+    parts = judged()
+    assert whole[3].solution is None
+    assert len(list(parts[3].portions())) > 15
+    for name in ("statistic", "w", "tau", "redundancy", "detectable_px", "effect_E"):
+        np.testing.assert_allclose(getattr(parts[0], name), getattr(whole[0], name), rtol=1e-6, atol=1e-9)
+    for name in ("images", "landmarks"):
+        np.testing.assert_allclose(
+            getattr(parts[0].tested, name), getattr(whole[0].tested, name), rtol=1e-6, atol=1e-9
+        )
+    for name, part in whole[0].spread.parts.items():
+        np.testing.assert_allclose(parts[0].spread.parts[name], part, rtol=1e-6, atol=1e-9 * np.max(part))
+    for field in fields(whole[1]):
+        np.testing.assert_allclose(
+            getattr(parts[1], field.name), getattr(whole[1], field.name), rtol=1e-6, atol=1e-9
+        )
+    assert [(r.image, r.reason) for r in parts[2]] == [(r.image, r.reason) for r in whole[2]]
+    np.testing.assert_allclose(
+        [r.statistic for r in parts[2]], [r.statistic for r in whole[2]], rtol=1e-6, atol=1e-6
+    )
+
+
+def test_what_follows_the_estimate_is_bounded_in_memory(rng):
+    """Forty thousand sightings: little more than the columns that are written out."""
+    o = observe(truth(FRAME, 400, 100))
+    o = measure(o, C_EK_TRUE, Errors.draw(o, rng))
+    estimate, used = SelfCalibration()(o, C_EK_TRUE), np.ones(o.n, dtype=bool)
+    fit = fit_at(SelfCalibration(), o, C_EK_TRUE, estimate, used)
+    tracemalloc.start()
+    found = snoop(fit, estimate), residuals(fit, used)
+    written, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert found[0] is not None
+    assert written < 25 * 8 * o.n
+    assert peak - written < 20e6
+
+
 def test_every_rejection_says_why(rng):
     """A sighting, a landmark surveyed 60 m off and an image half a second late, each found as what it is."""
     o = observe(truth(FRAME, 8, 9, shared_site=True))
@@ -155,8 +220,8 @@ def test_every_rejection_says_why(rng):
     assert verdict[row] == Verdict.SIGHTING
     assert np.all(verdict[late] == Verdict.IMAGE)
     assert np.all(verdict[(o.landmark == 7) & ~late] == Verdict.LANDMARK)
-    problem = problem_at(SelfCalibration(), table, C_EK_TRUE, estimate, verdict == Verdict.USED)
-    found = {(r.image, r.landmark): r for r in rejections(problem, snoop(problem, estimate), verdict)}
+    fit = fit_at(SelfCalibration(), table, C_EK_TRUE, estimate, verdict == Verdict.USED)
+    found = {(r.image, r.landmark): r for r in rejections(fit, snoop(fit, estimate), verdict)}
     # predicted minus measured is minus what was planted
     assert "-40." in found[2, 3].reason or "-39." in found[2, 3].reason
     assert "epoch -0.5" in found[5, 0].reason or "epoch -0.49" in found[5, 0].reason

@@ -18,7 +18,7 @@ from .geometry import observe
 from .observations import Observations
 from .residuals import Accuracy, Residuals, residuals
 from .separability import UNKNOWN, Combination, combinations, ruins_alignment, unimproved
-from .snooping import Rejection, Snooping, calibration_of, problem_at, rejections, snoop
+from .snooping import Rejection, Snooping, calibration_of, fit_at, rejections, snoop
 
 Array = NDArray[np.float64]
 
@@ -77,17 +77,17 @@ def calibrate(campaign: Campaign, estimator: Estimator) -> Calibration:
         raise InputError(
             f"campaign {campaign.name!r} has no observation with role control; wanted at least two markers"
         )
-    estimate = estimator(observations.select(used), campaign.C_EK)
+    estimate = estimator(_kept(observations, used), campaign.C_EK)
     verdict = np.zeros(observations.n, dtype=np.int64)
     if estimate.verdict is not None:
         verdict[used] = estimate.verdict
         used = used & (verdict == int(Verdict.USED))
     calibration = calibration_of(estimator)
-    problem = problem_at(calibration or SelfCalibration(), observations, campaign.C_EK, estimate, used)
+    fit = fit_at(calibration or SelfCalibration(), observations, campaign.C_EK, estimate, used)
     usable = Status(int(estimate.status)).usable
-    snooping = snoop(problem, estimate) if calibration and usable else None
-    status, sentences = _judge(observations.select(used), campaign.C_EK, estimate, calibration)
-    traded = tuple(combinations(problem.observations, estimate))
+    snooping = snoop(fit, estimate) if calibration and usable else None
+    status, sentences = _judge(_kept(observations, used), campaign.C_EK, estimate, calibration)
+    traded = tuple(combinations(observations, estimate))
     status, sentences = _separated(status, sentences, traded)
     told = [] if estimate.parameters is None else unimproved(estimate.parameters)
     sentences = (*sentences, *told, *estimate.remarks)
@@ -95,13 +95,18 @@ def calibrate(campaign: Campaign, estimator: Estimator) -> Calibration:
         campaign=campaign,
         observations=observations,
         estimate=estimate,
-        residuals=residuals(observations, campaign.C_EK, problem.observations, estimate.C_EK, used),
+        residuals=residuals(fit, used),
         status=status,
         sentences=sentences,
-        rejected=() if snooping is None else rejections(problem, snooping, verdict),
+        rejected=() if snooping is None else rejections(fit, snooping, verdict),
         snooping=snooping,
         combinations=traded,
     )
+
+
+def _kept(o: Observations, used: NDArray[np.bool_]) -> Observations:
+    """The sightings used: the table itself, and no copy of it, where these are all."""
+    return o if np.all(used) else o.select(used)
 
 
 def _separated(

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from . import so3
 from .estimators.protocol import AlignmentEstimate, Estimator, Status
 from .observations import Observations
+from .streaming import CHUNK, part, sample, sampled
 from .units import ARCSEC, DEG
 
 Array = NDArray[np.float64]
@@ -130,9 +131,10 @@ def _aberration(
     """
     if estimate.chi2 is None or not np.all(np.any(o.v_J, axis=-1)):
         return None
+    if sampled(o) and _confirmed(sample(o), C_EK_model, estimator):
+        return None
     stated = o.corrections.aberration
-    other = o.with_geometry(corrections=replace(o.corrections, aberration=not stated))
-    opposite = estimator(other, C_EK_model)
+    opposite = estimator(_other_aberration(o), C_EK_model)
     if opposite.chi2 is None or not Status(int(opposite.status)).usable:
         return None
     words = f"aberration = {'true' if stated else 'false'}", f"aberration = {'false' if stated else 'true'}"
@@ -154,6 +156,26 @@ def _aberration(
         "other directions would tell, and so does the attitude product's description",
         False,
     )
+
+
+def _other_aberration(o: Observations) -> Observations:
+    """The table with the opposite switch, made a chunk at a time."""
+    corrections = replace(o.corrections, aberration=not o.corrections.aberration)
+    e_E, row_rate_E, range_m = np.empty(o.e_E.shape), np.empty(o.row_rate_E.shape), np.empty(o.range_m.shape)
+    for start in range(0, o.n, CHUNK):
+        rows = slice(start, start + CHUNK)
+        seen = part(o, rows).with_geometry(corrections=corrections)
+        e_E[rows], row_rate_E[rows], range_m[rows] = seen.e_E, seen.row_rate_E, seen.range_m
+    return replace(o, corrections=corrections, e_E=e_E, row_rate_E=row_rate_E, range_m=range_m)
+
+
+def _confirmed(o: Observations, C_EK_model: Array, estimator: Estimator) -> bool:
+    """Whether the stated switch explains a sample of a large table decisively better than the opposite one."""
+    here, there = (estimator(table, C_EK_model) for table in (o, _other_aberration(o)))
+    if here.chi2 is None or there.chi2 is None:
+        return False
+    usable = Status(int(here.status)).usable and Status(int(there.status)).usable
+    return usable and float(there.chi2 - here.chi2) > DECISIVE
 
 
 def _across(C_EK_a: Array, C_EK_b: Array) -> float:

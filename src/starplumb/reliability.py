@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,48 +74,74 @@ class Reliability:
 
         Of one that is not, ``I - hat_in = (I + hat_out)^-1``.
         """
-        inverse = np.linalg.inv(np.eye(2) + self.hat)
-        return np.asarray(np.where(self.used[:, None, None], np.eye(2) - self.hat, inverse))
+        h = self.hat
+        a, c, b = 1.0 + h[:, 0, 0], 1.0 + h[:, 1, 1], h[:, 0, 1]
+        scale = np.where(self.used, 1.0, 1.0 / (a * c - b * b))
+        R = np.empty_like(h)
+        R[:, 0, 0] = np.where(self.used, 2.0 - a, c) * scale
+        R[:, 1, 1] = np.where(self.used, 2.0 - c, a) * scale
+        R[:, 0, 1] = R[:, 1, 0] = -b * scale
+        return R
 
     @cached_property
     def residual(self) -> Array:
         """Whitened residual (n, 2) as if the sighting were in the solution."""
-        inside = (self.control @ self.v[..., None])[..., 0]
-        return np.asarray(np.where(self.used[:, None], self.v, inside))
+        R, v = self.control, self.v
+        inside = np.stack([np.sum(R[:, i] * v, axis=-1) for i in range(2)], axis=-1)
+        return np.asarray(np.where(self.used[:, None], v, inside))
 
-    @property
+    @cached_property
     def influence(self) -> Array:
         """Change (n, k, 2) of the common parameters by a whitened error of a sighting in the solution."""
+        if np.all(self.used):
+            return self.effect
         return np.where(self.used[:, None, None], self.effect, self.effect @ self.control)
 
     @property
     def redundancy(self) -> Array:
         """Share (n,) of the sighting's two numbers that the others control, 0 .. 1."""
-        return np.asarray(np.trace(self.control, axis1=-2, axis2=-1) / 2.0)
+        return np.asarray(0.5 * (self.control[:, 0, 0] + self.control[:, 1, 1]))
 
     @cached_property
-    def sightings(self) -> tuple[Array, Array]:
+    def sightings(self) -> tuple[Array, Index]:
         """T (n,) of each sighting and its degrees of freedom (n,)."""
-        return _mean_shift(self.residual, self.control, UNTESTABLE)
+        return _mean_shift_of_two(self.residual, self.control, UNTESTABLE)
 
     @cached_property
-    def images(self) -> tuple[Array, Array]:
+    def images(self) -> tuple[Array, Index]:
         """T (m,) of each image's attitude and position taken together, and its degrees of freedom (m,)."""
         return _mean_shift(self.image_error, np.eye(6) - self.image_cofactor, CONTROLLED)
 
     @cached_property
-    def landmarks(self) -> tuple[Array, Array]:
+    def landmarks(self) -> tuple[Array, Index]:
         """T (q,) of the place of each landmark seen more than once, and its degrees of freedom (q,)."""
         return _mean_shift(self.landmark_error, np.eye(3) - self.landmark_cofactor, CONTROLLED)
 
 
-def _mean_shift(v: Array, Q: Array, floor: float) -> tuple[Array, Array]:
+def _mean_shift(v: Array, Q: Array, floor: float) -> tuple[Array, Index]:
     """v^T Q^+ v over the directions whose eigenvalue exceeds ``floor``, and how many they are; v (..., d)."""
     values, vectors = np.linalg.eigh(Q)
     tested = values > floor
     along = (vectors.mT @ v[..., None])[..., 0]
     T = np.sum(np.where(tested, along**2 / np.where(tested, values, 1.0), 0.0), axis=-1)
     return np.asarray(T), np.sum(tested, axis=-1)
+
+
+def _mean_shift_of_two(v: Array, Q: Array, floor: float) -> tuple[Array, Index]:
+    """The same for two numbers each, written out: v (n, 2), Q (n, 2, 2)."""
+    a, b, c = Q[:, 0, 0], Q[:, 0, 1], Q[:, 1, 1]
+    middle, reach = 0.5 * (a + c), np.hypot(0.5 * (a - c), b)
+    dof = (middle + reach > floor).astype(np.int64) + (middle - reach > floor)
+    x, y = v[:, 0], v[:, 1]
+    determinant = np.where(dof == 2, a * c - b * b, 1.0)
+    T = (c * x * x - 2.0 * b * x * y + a * y * y) / determinant
+    one = np.flatnonzero(dof == 1)
+    if one.size:  # along the eigenvector of the larger eigenvalue l: v^T (Q - l_2) v / (l - l_2) / l
+        x, y, low, high = x[one], y[one], (middle - reach)[one], (middle + reach)[one]
+        share = a[one] * x * x + 2.0 * b[one] * x * y + c[one] * y * y - low * (x * x + y * y)
+        T[one] = share / ((high - low) * high)
+    T[dof == 0] = 0.0
+    return np.maximum(T, 0.0), dof
 
 
 def reliability(
@@ -181,8 +208,21 @@ def _sightings(
     return v, hat, effect
 
 
+class Statistics(Protocol):
+    """T and its degrees of freedom, of sightings, of images and of landmarks seen more than once."""
+
+    @property
+    def sightings(self) -> tuple[Array, Index]: ...
+
+    @property
+    def images(self) -> tuple[Array, Index]: ...
+
+    @property
+    def landmarks(self) -> tuple[Array, Index]: ...
+
+
 def excess(
-    tested: Reliability, seen: Mask, alpha: float, alpha_group: float
+    tested: Statistics, seen: Mask, alpha: float, alpha_group: float
 ) -> tuple[Array, tuple[Array, Array]]:
     """Statistics over their critical values: of sightings (n,), and of images (m,) and repeated landmarks (q,).
 
@@ -192,7 +232,7 @@ def excess(
 
     factor = variance_factor(tested.sightings[0][seen])
 
-    def over(statistic: tuple[Array, Array], level: float) -> Array:
+    def over(statistic: tuple[Array, Index], level: float) -> Array:
         T, dof = statistic
         return np.asarray(np.where(dof > 0, T / (factor * chdtri(np.maximum(dof, 1), level)), 0.0))
 

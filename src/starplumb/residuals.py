@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,9 +10,12 @@ from numpy.typing import NDArray
 
 from .adjustment import solve
 from .earth import C_JT, itrf_to_geodetic
+from .estimators.fit import Fit
 from .geometry import ground_points
-from .model import linearise, residual_px
+from .model import Linearised, residual_px
 from .observations import Observations
+from .portions import Images, read
+from .streaming import CHUNK, Rows, part, streams
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -37,13 +41,23 @@ class Accuracy:
         return cls(float(np.sqrt(np.mean(radius**2))), float(np.quantile(radius, 0.9)), radius.size)
 
 
-def ground_error(o: Observations, C_EK: Array) -> Array:
-    """East and north error (n, 2) m of every sighting, located at its landmark's own height; NaN where it misses."""
-    latitude, longitude, height = itrf_to_geodetic(o.p_J)
-    e_J = (o.C_EJ.mT @ C_EK @ o.e_K[..., None])[..., 0]
-    found_J = ground_points(e_J, o.r_J, o.v_J, o.corrections, height)
-    error_T = (C_JT(latitude, longitude).mT @ (found_J - o.p_J)[..., None])[..., 0]
-    return np.asarray(error_T[:, :2])
+@dataclass(frozen=True)
+class _Ground:
+    """Where landmarks lie: geodetic ``height`` (n,) m, and ``C_JT`` (n, 3, 3) from east, north, up."""
+
+    height: Array
+    C_JT: Array
+
+    @classmethod
+    def of(cls, p_J: Array) -> _Ground:
+        latitude, longitude, height = itrf_to_geodetic(p_J)
+        return cls(height, C_JT(latitude, longitude))
+
+    def error(self, o: Observations, C_EK: Array) -> Array:
+        """East and north error (n, 2) m of sightings, located at their landmarks' own heights; NaN where one misses."""
+        e_J = (o.C_EJ.mT @ (o.e_K @ C_EK.mT)[..., None])[..., 0]
+        found_J = ground_points(e_J, o.r_J, o.v_J, o.corrections, self.height)
+        return np.asarray((self.C_JT[..., :2].mT @ (found_J - o.p_J)[..., None])[..., 0])
 
 
 @dataclass(frozen=True)
@@ -69,31 +83,72 @@ class Residuals:
     pi_J: Array
 
 
-def residuals(
-    before: Observations, C_EK_model: Array, after: Observations, C_EK: Array, used: Mask
-) -> Residuals:
-    """Residuals of the table as measured at the model mounting, and of it with the estimated parameters applied at the
-    estimate; the shared errors are estimated from the sightings ``used`` (n,)."""
-    o = after
-    model = linearise(o, C_EK)
-    chosen = o.select(used)
-    at_chosen = linearise(chosen, C_EK)
-    shared = solve(chosen, at_chosen, at_chosen.H[..., :0])
-    turned = model.H @ shared.alpha_E[o.image, :, None]
-    moved = model.R @ (shared.rho_J[o.image] - shared.pi_J[o.landmark])[..., None]
-    fit = model.z_px - (moved - turned)[..., 0]
-    return Residuals(
-        used=used,
-        before_px=residual_px(before, C_EK_model),
-        after_px=model.z_px,
-        fit_px=fit,
-        normalised=np.linalg.norm(fit, axis=-1) / o.sigma_px,
-        before_m=ground_error(before, C_EK_model),
-        after_m=ground_error(after, C_EK),
-        alpha_E=shared.alpha_E,
-        rho_J=shared.rho_J,
-        pi_J=shared.pi_J,
-    )
+@dataclass(frozen=True)
+class _Part:
+    """Rows of a table as measured, with the parameters applied and linearised, and how far their images' attitude
+    ``turn_E`` (n, 3) and their images' position less their landmarks' place ``shift_J`` (n, 3) are off."""
+
+    rows: Rows
+    measured: Observations
+    applied: Observations
+    model: Linearised
+    turn_E: Array
+    shift_J: Array
+
+
+def residuals(fit: Fit, used: Mask) -> Residuals:
+    """Residuals of the table of a fit as measured at its model mounting, and with its parameters applied at its state;
+    the shared errors are estimated from the sightings ``used`` (n,)."""
+    o = fit.table
+    px, m = [np.empty((o.n, 2)) for _ in range(3)], [np.empty((o.n, 2)) for _ in range(2)]
+    alpha_E, rho_J, pi_J = (np.zeros((count, 3)) for count in (o.n_images, o.n_images, o.n_landmarks))
+    found = Residuals(used, px[0], px[1], px[2], np.empty(o.n), m[0], m[1], alpha_E, rho_J, pi_J)
+    for p in _in_blocks(fit, found) if streams(o) else _in_rows(fit, found):
+        rows, model, ground = p.rows, p.model, _Ground.of(p.measured.p_J)
+        turned = (model.H @ p.turn_E[..., None])[..., 0]
+        moved = (model.R @ p.shift_J[..., None])[..., 0]
+        found.before_px[rows] = residual_px(p.measured, fit.C_EK_model)
+        found.after_px[rows] = model.z_px
+        found.fit_px[rows] = model.z_px - (moved - turned)
+        found.normalised[rows] = np.linalg.norm(found.fit_px[rows], axis=-1) / o.sigma_px[rows]
+        found.before_m[rows] = ground.error(p.measured, fit.C_EK_model)
+        found.after_m[rows] = ground.error(p.applied, fit.state.C_EK)
+    return found
+
+
+def _in_blocks(fit: Fit, found: Residuals) -> Iterator[_Part]:
+    """Images whose landmarks are seen once: each says its own errors."""
+    o = fit.table
+
+    def at_the_mounting(part: Observations) -> tuple[Observations, Linearised, Array]:
+        table, model, A = fit.linear(part)
+        return table, model, A[..., :0]
+
+    for block in read(o, at_the_mounting):
+        a, d = Images.of(block.squares, np.zeros(0)).a, block.design
+        found.alpha_E[block.images] = (d.S_attitude[block.images] @ a[:, :3, None])[..., 0]
+        found.rho_J[block.images] = (d.S_position[block.images] @ a[:, 3:, None])[..., 0]
+        image, measured = o.image[block.rows], part(o, block.rows)
+        errors = found.alpha_E[image], found.rho_J[image]
+        yield _Part(block.rows, measured, block.table, block.model, *errors)
+
+
+def _in_rows(fit: Fit, found: Residuals) -> Iterator[_Part]:
+    """Any table: the errors of images and landmarks are solved for together."""
+    o = fit.table
+    chosen, model, A = fit.linear(o.select(found.used))
+    shared = solve(chosen, model, A[..., :0])
+    for whole, solved in zip(
+        (found.alpha_E, found.rho_J, found.pi_J), (shared.alpha_E, shared.rho_J, shared.pi_J), strict=True
+    ):
+        whole[...] = solved
+    del chosen, model, A
+    for start in range(0, o.n, CHUNK):
+        rows = slice(start, min(start + CHUNK, o.n))
+        measured = part(o, rows)
+        table, model, _ = fit.linear(measured)
+        shift_J = shared.rho_J[o.image[rows]] - shared.pi_J[o.landmark[rows]]
+        yield _Part(rows, measured, table, model, shared.alpha_E[o.image[rows]], shift_J)
 
 
 def rms(values: Array) -> float:

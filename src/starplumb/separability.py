@@ -63,7 +63,7 @@ class Combination:
 
 def flight_axes(o: Observations, C_EK: Array) -> Array:
     """Roll, pitch and yaw axes as columns in E (3, 3): the mean motion of the camera, and its line of sight."""
-    v_E = np.mean((o.C_EJ @ o.v_J[..., None])[..., 0], axis=-2)
+    v_E = np.einsum("...nij,...nj->...i", o.C_EJ, o.v_J) / o.n
     z = C_EK[:, 2]
     x = v_E - z * (z @ v_E)
     length = np.linalg.norm(x)

@@ -5,24 +5,79 @@ image, of one landmark or of one pixel shift their sightings together, so that e
 
     attitude  sum_i (sum_n K_n H_n) S_i (...)^T,   position and markers likewise with R,   pixels  sum_n K_n K_n^T s_n^2
 
-and what is left of the covariance is the part of what was known before.  The parts add up to the covariance; where
-other parameters are estimated too, to 1e-3 of it, since H and R are taken at the camera as it was known before.
+and what is left of the covariance is the part of what was known before.  The parts add up to the covariance.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .calibration import Calibration
-from .model import linearise
+from .observations import Observations
+from .portions import Portion
+from .whitening import sums
+
+if TYPE_CHECKING:
+    from .calibration import Calibration
 
 Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 PRIOR = "what was known before"
+
+
+@dataclass(frozen=True)
+class Spread:
+    """What the errors of a table's sightings, drawn as stated, do to its alignment; added up portion by portion.
+
+    ``attitude``, ``position`` (m, 3, 3) and ``landmark`` (L, 3, 3) sum the slopes of a member's sightings, the latter
+    only where landmarks are seen more than once; ``noise`` and ``own`` (3, 3) are the covariances by pixel noise, and
+    by all that is a sighting's own.
+    """
+
+    table: Observations
+    attitude: Array
+    position: Array
+    landmark: Array
+    noise: Array
+    own: Array
+
+    @classmethod
+    def of(cls, o: Observations) -> Spread:
+        """Of a table, with nothing added yet."""
+        m, once = o.n_images, int(np.bincount(o.landmark, minlength=1).max()) < 2
+        image, position, landmark, noise, own = (
+            np.zeros((size, 3, 3)) for size in (m, m, 0 if once else o.n_landmarks, 1, 1)
+        )
+        return cls(o, image, position, landmark, noise[0], own[0])
+
+    def add(self, portion: Portion, gain: Array) -> None:
+        """Sightings that move the alignment by ``gain`` (n, 3, 2) rad per pixel."""
+        model, used = portion.model, portion.tested.used[:, None, None]
+        K, whitened = np.where(used, gain, 0.0), np.where(used, portion.tested.influence[:, :3], 0.0)
+        by_place, image = K @ model.R, self.table.image[portion.rows]
+        _add(self.attitude, K @ model.H, image)
+        _add(self.position, by_place, image)
+        if self.landmark.size:
+            _add(self.landmark, by_place, self.table.landmark[portion.rows])
+        self.noise[...] += _square(K * portion.table.sigma_px[:, None, None])
+        self.own[...] += _square(whitened)
+
+    @property
+    def parts(self) -> dict[str, Array]:
+        """Covariance (3, 3) rad^2 about E by source."""
+        o, survey = self.table, self.own - self.noise
+        if self.landmark.size:
+            survey = _through(self.landmark, o.cov_landmark_J)
+        return {
+            "star tracker": _through(self.attitude, o.cov_attitude_E),
+            "satellite position": _through(self.position, o.cov_position_J),
+            "marker survey": survey,
+            "image measurement": self.noise,
+        }
 
 
 def shares(calibration: Calibration) -> Mapping[str, Array]:
@@ -30,16 +85,7 @@ def shares(calibration: Calibration) -> Mapping[str, Array]:
     c = calibration
     if c.snooping is None or c.estimate.covariance_E is None:
         return {}
-    o, tested = c.observations, c.snooping.tested
-    model = linearise(o, c.estimate.C_EK)
-    K = np.where(c.residuals.used[:, None, None], tested.influence[:, :3] @ tested.per_px, 0.0)
-    noise = K * o.sigma_px[:, None, None]
-    parts = {
-        "star tracker": _shared(K @ model.H, o.image, o.cov_attitude_E),
-        "satellite position": _shared(K @ model.R, o.image, o.cov_position_J),
-        "marker survey": _shared(K @ model.R, o.landmark, o.cov_landmark_J),
-        "image measurement": np.einsum("nij,nkj->ik", noise, noise),
-    }
+    parts = c.snooping.spread.parts
     if _has_prior(c):
         values, axes = np.linalg.eigh(c.estimate.covariance_E - np.sum(list(parts.values()), axis=0))
         parts[PRIOR] = (axes * np.maximum(values, 0.0)) @ axes.mT
@@ -53,8 +99,18 @@ def _has_prior(c: Calibration) -> bool:
     return c.campaign.sigma_mounting is not None or told
 
 
-def _shared(slope: Array, member: Index, covariance: Array) -> Array:
-    """sum_g G_g S_g G_g^T, G_g the sum of the slopes (n, 3, 3) of the sightings of member g; covariance (m, 3, 3)."""
-    G = np.zeros((len(covariance), 3, 3))
-    np.add.at(G, member, slope)
-    return np.asarray(np.sum(G @ covariance @ G.mT, axis=0))
+def _add(total: Array, slope: Array, member: NDArray[np.int64]) -> None:
+    """Add slopes (n, 3, 3) of sightings to those of their members."""
+    present, place = np.unique(member, return_inverse=True)
+    total[present] += sums(slope, place, present.size)
+
+
+def _square(rows: Array) -> Array:
+    """Sum of K K^T, K (n, 3, 2)."""
+    flat = np.swapaxes(rows, 0, 1).reshape(3, -1)
+    return np.asarray(flat @ flat.T)
+
+
+def _through(slopes: Array, covariance: Array) -> Array:
+    """Sum of G S G^T over members, G the sum of the slopes of its sightings."""
+    return np.asarray(np.sum(slopes @ covariance @ slopes.mT, axis=0))

@@ -15,19 +15,23 @@ NGS 1, 1976.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .estimators.fit import Fit
 from .estimators.gls import Gls
 from .estimators.protocol import AlignmentEstimate, Estimator, Verdict
 from .estimators.robust import Robust
-from .estimators.selfcal import Problem, SelfCalibration, State
+from .estimators.selfcal import SelfCalibration, State
 from .observations import Observations
-from .reliability import Reliability, reliability
+from .portions import Portion, Tested
+from .reliability import reliability
+from .shares import Spread
+from .streaming import part
 from .units import ARCSEC
 
+Index = NDArray[np.int64]
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
@@ -51,46 +55,25 @@ class Snooping:
 
     ``statistic`` (n,) is sqrt(T), ``w`` and ``tau`` (n, 2) for column and row, ``redundancy`` (n,) 0 .. 1,
     ``detectable_px`` (n, 2) infinite where nothing controls the sighting, ``effect_E`` (n,) rad the larger of the two
-    effects on the alignment.
+    effects on the alignment.  ``scale`` is sqrt(chi2 / dof), 1 where there is no degree of freedom; ``spread`` what
+    each source of error does to the alignment.
     """
 
-    tested: Reliability
+    tested: Tested
+    w: Array
+    redundancy: Array
+    detectable_px: Array
+    effect_E: Array
     scale: float
-    """sqrt(chi2 / dof), 1 where there is no degree of freedom."""
+    spread: Spread
 
-    @cached_property
+    @property
     def statistic(self) -> Array:
         return np.asarray(np.sqrt(self.tested.sightings[0]))
-
-    @cached_property
-    def _controlled(self) -> Array:
-        """sqrt(e^T R e) (n, 2) of an error of one pixel in column and in row."""
-        e, R = self.tested.per_px, self.tested.control
-        return np.asarray(np.sqrt(np.maximum(np.einsum("nic,nij,njc->nc", e, R, e), 0.0)))
-
-    @cached_property
-    def w(self) -> Array:
-        along = np.einsum("nic,ni->nc", self.tested.per_px, self.tested.residual)
-        zero = np.zeros_like(along)
-        return np.asarray(np.divide(along, self._controlled, out=zero, where=self._controlled > 0.0))
 
     @property
     def tau(self) -> Array:
         return np.asarray(self.w / self.scale)
-
-    @property
-    def redundancy(self) -> Array:
-        return self.tested.redundancy
-
-    @cached_property
-    def detectable_px(self) -> Array:
-        nothing = np.full_like(self._controlled, np.inf)
-        return np.asarray(np.divide(DELTA_0, self._controlled, out=nothing, where=self._controlled > 0.0))
-
-    @cached_property
-    def effect_E(self) -> Array:
-        per_px = np.linalg.norm((self.tested.influence @ self.tested.per_px)[:, :3, :], axis=1)
-        return np.asarray(np.max(per_px * self.detectable_px, axis=-1))
 
 
 def calibration_of(estimator: Estimator) -> SelfCalibration | None:
@@ -102,38 +85,85 @@ def calibration_of(estimator: Estimator) -> SelfCalibration | None:
     return estimator if isinstance(estimator, SelfCalibration) else None
 
 
-def problem_at(
+def fit_at(
     calibration: SelfCalibration, o: Observations, C_EK_model: Array, estimate: AlignmentEstimate, used: Mask
-) -> Problem:
-    """The linear problem at an estimate, of the sightings used (n,)."""
+) -> Fit:
+    """The adjustment at an estimate, of the sightings used (n,)."""
     values = np.zeros(0) if estimate.parameters is None else estimate.parameters.values
-    weighted = replace(o, weight=np.where(used, o.weight, 0.0))
-    return calibration.problem(weighted, State(estimate.C_EK, values), C_EK_model)
+    weighted = o if np.all(used) else replace(o, weight=np.where(used, o.weight, 0.0))
+    return Fit(calibration, weighted, State(estimate.C_EK, values), C_EK_model)
 
 
-def snoop(problem: Problem, estimate: AlignmentEstimate) -> Snooping | None:
+def snoop(fit: Fit, estimate: AlignmentEstimate) -> Snooping | None:
     """Reliability at an estimate (no batch axes); None where its parameters are not all determined."""
-    tested = reliability(problem.observations, problem.model, problem.A, problem.prior)
-    if tested is None or estimate.chi2 is None or estimate.degrees_of_freedom is None:
+    if estimate.chi2 is None or estimate.degrees_of_freedom is None:
         return None
-    dof = int(estimate.degrees_of_freedom)
-    return Snooping(tested, float(np.sqrt(estimate.chi2 / dof)) if dof > 0 else 1.0)
+    n, dof, portion = fit.table.n, int(estimate.degrees_of_freedom), None
+    scale = float(np.sqrt(estimate.chi2 / dof)) if dof > 0 else 1.0
+    found = Snooping(
+        tested=Tested.empty(fit.table),
+        w=np.empty((n, 2)),
+        redundancy=np.empty(n),
+        detectable_px=np.empty((n, 2)),
+        effect_E=np.empty(n),
+        scale=scale,
+        spread=Spread.of(fit.table),
+    )
+    for portion in fit.portions():
+        _put(found, portion)
+    return None if portion is None else found
 
 
-def rejections(problem: Problem, snooping: Snooping, verdict: NDArray[np.int64]) -> tuple[Rejection, ...]:
+def _put(found: Snooping, portion: Portion) -> None:
+    """Write down what a portion says, and add its share of the spread."""
+    tested, rows = portion.tested, portion.rows
+    found.tested.put(portion)
+    found.redundancy[rows] = tested.redundancy
+    K = tested.influence[:, :3]
+    gain = np.stack([_times(K, tested.per_px[:, :, c]) for c in range(2)], axis=-1)
+    w, detectable, effect = (
+        np.zeros(tested.v.shape),
+        np.full(tested.v.shape, np.inf),
+        np.empty(tested.v.shape),
+    )
+    R, residual = tested.control, tested.residual
+    for c in range(2):
+        e0, e1 = tested.per_px[:, 0, c], tested.per_px[:, 1, c]
+        square = e0 * e0 * R[:, 0, 0] + 2.0 * e0 * e1 * R[:, 0, 1] + e1 * e1 * R[:, 1, 1]
+        controlled = np.sqrt(np.maximum(square, 0.0))
+        shows = controlled > 0.0
+        np.divide(e0 * residual[:, 0] + e1 * residual[:, 1], controlled, out=w[:, c], where=shows)
+        np.divide(DELTA_0, controlled, out=detectable[:, c], where=shows)
+        effect[:, c] = np.sqrt(np.sum(gain[:, :, c] ** 2, axis=-1)) * detectable[:, c]
+    found.w[rows], found.detectable_px[rows] = w, detectable
+    found.effect_E[rows] = np.max(effect, axis=-1)
+    found.spread.add(portion, gain)
+
+
+def _times(K: Array, e: Array) -> Array:
+    """K e of each, (n, 3, 2) by (n, 2)."""
+    return np.asarray(K[:, :, 0] * e[:, :1] + K[:, :, 1] * e[:, 1:])
+
+
+def rejections(fit: Fit, snooping: Snooping, verdict: NDArray[np.int64]) -> tuple[Rejection, ...]:
     """Every rejected sighting with its statistic and the reason in words, in the order of the table."""
-    o, z = problem.observations, problem.model.z_px
+    rows = np.flatnonzero(verdict != int(Verdict.USED))
+    if rows.size == 0:
+        return ()
+    o, z = fit.table, fit.problem(fit.table.select(rows)).model.z_px
     groups: dict[tuple[int, int], tuple[float, str]] = {}
     for i in np.unique(o.image[verdict == int(Verdict.IMAGE)]):
-        groups[int(Verdict.IMAGE), int(i)] = _wrong_image(problem, verdict, int(i))
+        groups[int(Verdict.IMAGE), int(i)] = _wrong_image(fit, verdict, int(i))
     for place in np.unique(o.landmark[verdict == int(Verdict.LANDMARK)]):
-        groups[int(Verdict.LANDMARK), int(place)] = _wrong_landmark(problem, verdict, int(place))
-    found = []
-    for row in np.flatnonzero(verdict != int(Verdict.USED)):
+        groups[int(Verdict.LANDMARK), int(place)] = _wrong_landmark(fit, verdict, int(place))
+    found, statistics = [], snooping.statistic
+    for row, off in zip(rows.tolist(), z.tolist(), strict=True):
         image, landmark = int(o.image[row]), int(o.landmark[row])
         if verdict[row] == int(Verdict.SIGHTING):
-            statistic = float(snooping.statistic[row])
-            reason = f"sighting: predicted minus measured {z[row, 0]:+.1f}, {z[row, 1]:+.1f} px, {statistic:.1f} sigma"
+            statistic = float(statistics[row])
+            reason = (
+                f"sighting: predicted minus measured {off[0]:+.1f}, {off[1]:+.1f} px, {statistic:.1f} sigma"
+            )
         else:
             member = image if verdict[row] == int(Verdict.IMAGE) else landmark
             statistic, reason = groups[int(verdict[row]), member]
@@ -141,30 +171,41 @@ def rejections(problem: Problem, snooping: Snooping, verdict: NDArray[np.int64])
     return tuple(found)
 
 
-def _with_group(problem: Problem, rows: Mask) -> Reliability | None:
-    """The problem with a rejected group of sightings back in the solution."""
-    weight = np.where(rows, 1.0, problem.observations.weight)
-    o = replace(problem.observations, weight=weight)
-    return reliability(o, problem.model, problem.A, problem.prior)
+def _with_group(fit: Fit, rows: Index) -> Tested | None:
+    """The adjustment with a rejected group of sightings back in the solution."""
+    weight = fit.table.weight.copy()
+    weight[rows] = 1.0
+    return replace(fit, table=replace(fit.table, weight=weight)).tested()
 
 
-def _wrong_image(problem: Problem, verdict: NDArray[np.int64], image: int) -> tuple[float, str]:
+def _statistic_of_image(fit: Fit, rows: Index, image: int) -> float:
+    """sqrt(T) of an image with its sightings back in the solution."""
+    if fit.solution is not None:  # to one image all the others are what is known beforehand
+        p = fit.problem(part(fit.table, rows))
+        alone = replace(p.observations, weight=np.ones(rows.size))
+        own = reliability(alone, p.model, p.A, (fit.solution.information, fit.solution.x))
+        return float("nan") if own is None else float(np.sqrt(own.images[0][image]))
+    tested = _with_group(fit, rows)
+    return float("nan") if tested is None else float(np.sqrt(tested.images[0][image]))
+
+
+def _wrong_image(fit: Fit, verdict: NDArray[np.int64], image: int) -> tuple[float, str]:
     """Statistic of an image rejected as a whole, and what kind of error it has."""
+    rows = np.flatnonzero((fit.table.image == image) & (verdict == int(Verdict.IMAGE)))
+    statistic = _statistic_of_image(fit, rows, image)
+    problem = fit.problem(fit.table.select(rows))
     o, model = problem.observations, problem.model
-    rows = (o.image == image) & (verdict == int(Verdict.IMAGE))
-    tested = _with_group(problem, rows)
-    statistic = float("nan") if tested is None else float(np.sqrt(tested.images[0][image]))
-    shift = np.median(model.z_px[rows], axis=0)
+    shift = np.median(model.z_px, axis=0)
     reason = (
-        f"image as a whole: its {int(np.sum(rows))} sightings are off by {shift[0]:+.1f}, {shift[1]:+.1f} px together, "
+        f"image as a whole: its {rows.size} sightings are off by {shift[0]:+.1f}, {shift[1]:+.1f} px together, "
         f"which at the stated sigmas is {statistic:.1f} sigma"
     )
     # a later epoch turns the attitude by omega dt, which moves z by -H omega dt, and carries the camera by v dt
-    moves = model.R[rows] @ o.v_J[rows][..., None] - model.H[rows] @ o.omega_E[rows][..., None]
+    moves = model.R @ o.v_J[..., None] - model.H @ o.omega_E[..., None]
     per_s = np.median(moves[..., 0], axis=0)
     late = -float(per_s @ shift / (per_s @ per_s)) if np.any(per_s) else 0.0
     along_track = np.linalg.norm(shift + per_s * late) < 0.1 * np.linalg.norm(shift)
-    turn = np.linalg.lstsq(-model.H[rows].reshape(-1, 3), model.z_px[rows].reshape(-1), rcond=None)[0]
+    turn = np.linalg.lstsq(-model.H.reshape(-1, 3), model.z_px.reshape(-1), rcond=None)[0]
     cause = f"an attitude error of {', '.join(f'{angle:+.0f}' for angle in turn / ARCSEC)} arcsec"
     return (
         statistic,
@@ -172,15 +213,14 @@ def _wrong_image(problem: Problem, verdict: NDArray[np.int64], image: int) -> tu
     )
 
 
-def _wrong_landmark(problem: Problem, verdict: NDArray[np.int64], landmark: int) -> tuple[float, str]:
+def _wrong_landmark(fit: Fit, verdict: NDArray[np.int64], landmark: int) -> tuple[float, str]:
     """Statistic of a landmark rejected with all its sightings."""
-    o = problem.observations
-    rows = (o.landmark == landmark) & (verdict == int(Verdict.LANDMARK))
-    tested = _with_group(problem, rows)
+    rows = np.flatnonzero((fit.table.landmark == landmark) & (verdict == int(Verdict.LANDMARK)))
+    tested = _with_group(fit, rows)
     statistic = float("nan")
     if tested is not None and landmark in tested.repeated:
         statistic = float(np.sqrt(tested.landmarks[0][int(np.searchsorted(tested.repeated, landmark))]))
     return statistic, (
-        f"landmark as a whole: its {int(np.sum(rows))} sightings agree on another place, {statistic:.1f} sigma "
+        f"landmark as a whole: its {rows.size} sightings agree on another place, {statistic:.1f} sigma "
         "from the surveyed one"
     )
