@@ -91,7 +91,8 @@ def _cells(values: Column) -> list[str]:
     """The cells of a column, or some of them, as text."""
     if isinstance(values, np.ndarray) and values.dtype == np.float64:
         return _decimals(values)
-    return list(map(_cell, values))
+    cells = [value if isinstance(value, str) else _word(value) for value in values]
+    return list(map(_quoted, cells)) if _special("".join(cells)) else cells
 
 
 def _decimals(values: NDArray[np.float64]) -> list[str]:
@@ -109,10 +110,13 @@ def _decimals(values: NDArray[np.float64]) -> list[str]:
     return cells
 
 
-def _cell(value: object) -> str:
-    if isinstance(value, float):
-        return repr(float(value))
-    text = str(value)
-    if "," in text or '"' in text or "\n" in text or "\r" in text:
-        return '"' + text.replace('"', '""') + '"'
-    return text
+def _word(value: object) -> str:
+    return repr(float(value)) if isinstance(value, float) else str(value)
+
+
+def _special(text: str) -> bool:
+    return any(mark in text for mark in ',"\r\n')
+
+
+def _quoted(cell: str) -> str:
+    return '"' + cell.replace('"', '""') + '"' if _special(cell) else cell

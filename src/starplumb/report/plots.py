@@ -62,7 +62,8 @@ def thinned(size: Array) -> tuple[NDArray[np.int64], str]:
     n = size.size
     if n <= DRAWN_AT_MOST:
         return np.arange(n), ""
-    worst = np.argsort(-size, kind="stable")[:WORST]
+    large = np.flatnonzero(size >= np.partition(size, n - WORST)[n - WORST])
+    worst = large[np.argsort(-size[large], kind="stable")[:WORST]]
     even = np.linspace(0, n - 1, DRAWN_AT_MOST - worst.size).astype(np.int64)
     chosen = np.union1d(worst, even)
     return chosen, f" {chosen.size} of {n} are drawn, the largest among them."
