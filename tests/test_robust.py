@@ -8,12 +8,14 @@ import numpy as np
 import pytest
 
 from problems import C_EK_TRUE, FRAME, LINE, truth
-from starplumb import so3
-from starplumb.estimators.consensus import consensus, pair_rotation
+from starplumb import so3, streaming
+from starplumb.estimators.consensus import _largest, cluster, consensus, pair_rotation
 from starplumb.estimators.gls import Gls
 from starplumb.estimators.protocol import Status, Verdict
 from starplumb.estimators.robust import Robust
+from starplumb.estimators.selfcal import SelfCalibration
 from starplumb.geometry import observe
+from starplumb.parameters import Optics
 from starplumb.simulate import Errors, measure
 from starplumb.units import ARCSEC, DEG
 
@@ -158,3 +160,41 @@ def test_consensus_does_not_need_a_good_start(turn_deg, rng):
         assert not found.agree[0]
         off = so3.log(found.C_EK @ (turn @ C_EK_TRUE).mT)
         assert np.abs(off).max() < (600.0 if markers == 1 else 120.0) * ARCSEC
+
+
+def test_a_large_table_is_judged_like_a_small_one(monkeypatch, rng):
+    """In portions, with a lens to estimate, a bad image, and images larger than a portion."""
+    o = observe(truth(FRAME, 12, 50))
+    table, _ = moved(measure(o, C_EK_TRUE, Errors.draw(o, rng)), 0.1, 60.0, rng)
+    C_EJ = table.C_EJ.copy()
+    C_EJ[o.image == 4] = so3.exp(np.array([200.0, 100.0, 0.0]) * ARCSEC) @ C_EJ[o.image == 4]
+    table = table.with_geometry(C_EJ=C_EJ)
+    robust = Robust(SelfCalibration((Optics(FRAME, ("focal_length",), (np.inf,)),)))
+    whole = robust(table, C_EK_TRUE)
+    for name, value in (("LARGE", 50), ("CHUNK", 40)):
+        monkeypatch.setattr(streaming, name, value)
+    parts = robust(table, C_EK_TRUE)
+    assert np.any(whole.verdict == Verdict.IMAGE)
+    np.testing.assert_array_equal(parts.verdict, whole.verdict)
+    assert np.max(np.abs(so3.log(parts.C_EK @ whole.C_EK.mT) / whole.sigma_E)) < 1e-3
+
+
+def test_the_largest_cluster_is_that_of_all_pairs(monkeypatch, rng):
+    """Against the distances of all pairs solved one by one, and with anchors and rows taken by parts."""
+    z = np.concatenate([rng.normal(0.0, 0.5, (60, 2)), rng.normal(6.0, 0.5, (40, 2))])
+    root = rng.standard_normal((100, 2, 2))
+    V, U = 0.1 * root @ root.mT + 0.3 * np.eye(2), 0.5 * rng.standard_normal((100, 2, 3))
+    distance = np.empty((100, 100))
+    for a, b in np.ndindex(100, 100):
+        bend, d = U[a] - U[b], z[a] - z[b]
+        distance[a, b] = d @ np.linalg.solve(V[a] + V[b] + bend @ bend.T, d)
+    best = np.argmax(np.sum(np.maximum(0.0, 1.0 - distance / 16.0), axis=1))
+    np.testing.assert_array_equal(cluster(z, V, U), distance[best] < 16.0)
+    monkeypatch.setattr("starplumb.estimators.consensus.JUDGES", 7)
+    np.testing.assert_array_equal(cluster(z, V, U), distance[best] < 16.0)
+
+
+def test_largest_eigenvalues(rng):
+    S = rng.standard_normal((200, 3, 3))
+    S = np.concatenate([S @ S.mT, np.eye(3)[None], np.zeros((1, 3, 3)), np.diag([1.0, 1.0, 4.0])[None]])
+    np.testing.assert_allclose(_largest(S), np.linalg.eigvalsh(S)[:, -1], rtol=1e-12, atol=1e-15)

@@ -10,7 +10,7 @@ of P. H. S. Torr and A. Zisserman, MLESAC, Computer Vision and Image Understandi
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +34,8 @@ BY_CHANCE = 1e-3
 """Probability of finding as many agreeing sightings by chance at which they are believed."""
 JUDGES = 4_000
 """Sightings that judge them."""
+ANCHORS = 200
+"""Residuals of an image about which its largest cluster is looked for, all if there are no more."""
 
 
 @dataclass(frozen=True)
@@ -55,9 +57,10 @@ class Directions:
         """Of a table without batch axes; ``slack`` (n,) rad is what further unknowns may add to ``own``."""
         column = np.linalg.norm(o.slope_K[..., 0], axis=-1)
         row = np.linalg.norm(o.slope_K[..., 1], axis=-1) + np.linalg.norm(o.row_rate_E, axis=-1)
-        place = _largest(o.cov_landmark_J)[o.landmark] / o.range_m**2
+        place = _largest_of(o.cov_landmark_J, o.landmark) / o.range_m**2
         own = (o.sigma_px * np.maximum(column, row)) ** 2 + place + np.square(slack)
-        shared = _largest(o.cov_attitude_E)[o.image] + _largest(o.cov_position_J)[o.image] / o.range_m**2
+        position = _largest_of(o.cov_position_J, o.image) / o.range_m**2
+        shared = _largest_of(o.cov_attitude_E, o.image) + position
         return cls(o.e_E, o.e_K, o.image, np.sqrt(own), np.sqrt(shared))
 
 
@@ -70,8 +73,23 @@ class Consensus:
     convincing: bool
 
 
-def _largest(covariance: Array) -> Array:
-    return np.asarray(np.linalg.eigvalsh(covariance)[..., -1], dtype=np.float64)
+def _largest_of(covariance: Array, member: Index) -> Array:
+    """Largest eigenvalue (n,) of each member's covariance (count, 3, 3)."""
+    if member.size < len(covariance):
+        return _largest(covariance[member])
+    return _largest(covariance)[member]
+
+
+def _largest(S: Array) -> Array:
+    """Largest eigenvalue of symmetric S (..., 3, 3), from the angle that the three roots of its cubic share."""
+    a, b, c = S[..., 0, 0], S[..., 1, 1], S[..., 2, 2]
+    d, e, f = S[..., 1, 2], S[..., 0, 2], S[..., 0, 1]
+    middle = (a + b + c) / 3.0
+    a, b, c = a - middle, b - middle, c - middle
+    size = np.sqrt((a * a + b * b + c * c + 2.0 * (d * d + e * e + f * f)) / 6.0)
+    half = 0.5 * (a * (b * c - d * d) - f * (f * c - d * e) + e * (f * d - b * e))
+    cosine = np.divide(half, size**3, out=np.ones_like(size), where=size > 0.0)
+    return np.asarray(middle + 2.0 * size * np.cos(np.arccos(np.clip(cosine, -1.0, 1.0)) / 3.0))
 
 
 def consensus(
@@ -135,7 +153,7 @@ def _polish(o: Observations, d: Directions, C: Array, seen: Index, *, alone: boo
         agree[seen] = _support(d, C[None], seen, variance[seen])[0] > 0.0
         if np.sum(agree) < 2 or np.array_equal(agree, before):
             break
-        refined = Wahba()(o.select(agree), C)
+        refined = Wahba()(replace(o, weight=agree.astype(np.float64)), C)
         if refined.status != int(Status.OK):
             break
         C = refined.C_EK
@@ -190,28 +208,38 @@ def _frame(a: Array, b: Array) -> Array:
     return np.stack([x, y, np.cross(x, y)], axis=-1)
 
 
-def clusters(o: Observations, model: Linearised, J: Array, agree: Mask, spread: Array) -> Mask:
-    """Of the sightings that agree (n,), those in the largest cluster of residuals of their image.
+def cluster(z: Array, V: Array, U: Array) -> Mask:
+    """The largest cluster (n,) of residuals z (n, 2) px of one image.
 
-    Two residuals belong together when ``d^T (V_a + V_b + (J_a - J_b) S (J_a - J_b)^T)^-1 d < 16`` with d their
-    difference, V what a sighting does not share, J (n, 2, 3 + p) the design and S (3 + p, 3 + p) what is not known of
-    the state.
+    Two residuals belong together when ``d^T (V_a + V_b + (U_a - U_b) (U_a - U_b)^T)^-1 d < 16``, d their difference,
+    V (n, 2, 2) what a sighting does not share and U (n, 2, s) what is not known of the state, by unit errors.
     """
-    V = _own_covariance(o, model)
-    kept = np.zeros(o.n, dtype=bool)
-    for i in np.unique(o.image[agree]):
-        rows = np.flatnonzero(agree & (o.image == i))
-        anchors = rows if rows.size <= 200 else rows[:: rows.size // 200 + 1]
-        d = model.z_px[anchors, None] - model.z_px[None, rows]
-        bend = J[anchors, None] - J[None, rows]
-        between = V[anchors, None] + V[None, rows] + bend @ spread @ bend.mT
-        distance = np.sum(d * np.linalg.solve(between, d[..., None])[..., 0], axis=-1)
-        support = np.sum(np.maximum(0.0, 1.0 - distance / 16.0), axis=-1)
-        kept[rows[distance[int(np.argmax(support))] < 16.0]] = True
-    return kept
+    anchors = slice(None, None, 1 if len(z) <= ANCHORS else len(z) // ANCHORS + 1)
+    support = np.zeros(len(z[anchors]))
+    for at in range(0, len(z), JUDGES):
+        rows = slice(at, at + JUDGES)
+        distance = _distance((z[anchors], V[anchors], U[anchors]), (z[rows], V[rows], U[rows]))
+        support += np.sum(np.maximum(0.0, 1.0 - distance / GATE**2), axis=-1)
+    best = np.arange(len(z))[anchors][[int(np.argmax(support))]]
+    return np.asarray(_distance((z[best], V[best], U[best]), (z, V, U))[0] < GATE**2)
 
 
-def _own_covariance(o: Observations, model: Linearised) -> Array:
+def _distance(a: tuple[Array, Array, Array], b: tuple[Array, Array, Array]) -> Array:
+    """Square of the distance (a, b) of all pairs of two sets of residuals in units of what may lie between them."""
+    d = [a[0][:, None, i] - b[0][None, :, i] for i in range(2)]
+
+    def between(i: int, j: int) -> Array:
+        own = a[1][:, None, i, j] + b[1][None, :, i, j]
+        squares = [np.sum(U[:, i] * U[:, j], axis=-1) for _, _, U in (a, b)]
+        cross = a[2][:, i] @ b[2][:, j].T
+        mixed = cross + (cross if i == j else a[2][:, j] @ b[2][:, i].T)
+        return np.asarray(own + squares[0][:, None] + squares[1][None, :] - mixed)
+
+    xx, xy, yy = between(0, 0), between(0, 1), between(1, 1)
+    return np.asarray((yy * d[0] ** 2 - 2.0 * xy * d[0] * d[1] + xx * d[1] ** 2) / (xx * yy - xy * xy))
+
+
+def own_covariance(o: Observations, model: Linearised) -> Array:
     """Covariance (n, 2, 2) px^2 of pixel noise and landmark."""
     place = model.R @ o.cov_landmark_J[o.landmark] @ model.R.mT
     return np.asarray(place + (o.sigma_px**2)[:, None, None] * np.eye(2))

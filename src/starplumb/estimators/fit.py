@@ -13,10 +13,11 @@ from ..model import Linearised
 from ..observations import Observations
 from ..portions import Portion, Tested, single
 from ..reliability import reliability
-from ..streaming import Stream, Sum, part, streams
+from ..streaming import Stream, Sum, blocks, part, streams
 from .selfcal import Problem, SelfCalibration, State
 
 Array = NDArray[np.float64]
+Index = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -50,6 +51,17 @@ class Fit:
         little = part(self.table, slice(0, 1))  # the prior is that of any part
         stream = Stream.of(self.table, self.calibration.parameters, self.calibration.compiled)
         return stream.step(self.state.C_EK, self.state.values, self.problem(little).prior)
+
+    def step(self) -> Array:
+        """The Gauss-Newton step (k,) of the common parameters."""
+        solution = self.solution
+        return self.whole.solve().x if solution is None else solution.x
+
+    def parts(self) -> Iterator[tuple[Index, tuple[Observations, Linearised, Array]]]:
+        """Rows of whole images, and the table, linearisation and design of each."""
+        for _, pieces in blocks(self.table):
+            rows = np.concatenate([np.arange(self.table.n)[rows] for rows in pieces])
+            yield rows, self.linear(part(self.table, rows))
 
     def portions(self) -> Iterator[Portion]:
         """What the adjustment says of its observations; nothing where the common parameters are not determined."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -10,10 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..observations import Observations
-from ..reliability import NOISE, Reliability, excess, reliability
-from .consensus import Consensus, Directions, clusters, consensus
+from ..portions import Tested
+from ..reliability import NOISE, excess
+from .consensus import Consensus, Directions, cluster, consensus, own_covariance
+from .fit import Fit
 from .protocol import AlignmentEstimate, Status, Verdict
-from .selfcal import Problem, SelfCalibration, State
+from .selfcal import SelfCalibration, State
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -81,42 +83,41 @@ class _Search:
         status = np.where(usable, int(Status.NOT_CONVERGED), plain.status)
         return replace(plain, status=status, verdict=np.zeros(self.o.n, dtype=np.int64))
 
-    def problem(self, state: State, used: Mask) -> Problem:
+    def at(self, state: State, used: Mask) -> Fit:
+        """The adjustment of the sightings used at a state."""
         weighted = replace(self.o, weight=np.where(used, self.o.weight, 0.0))
-        return self.options.calibration.problem(weighted, state, self.C_EK_model)
+        return Fit(self.options.calibration, weighted, state, self.C_EK_model)
 
-    def fit(self, state: State, used: Mask, steps: int = 2) -> tuple[State, Problem]:
-        """A few Gauss-Newton steps with the sightings used."""
+    def moved(self, state: State, used: Mask, steps: int) -> State:
+        """After a few Gauss-Newton steps with the sightings used."""
         for _ in range(steps):
-            state = state.moved(self.problem(state, used).solve().x)
-        return state, self.problem(state, used)
+            state = state.moved(self.at(state, used).step())
+        return state
 
     def expected(self) -> Array:
-        """Covariance (p, p) of the further parameters before anything is estimated."""
+        """Standard deviations (p,) of the further parameters before anything is estimated."""
         calibration = self.options.calibration
         sigma = np.where(np.isfinite(calibration.sigma), calibration.sigma, LIKELY * calibration.range)
-        return np.diag(np.asarray(sigma, dtype=np.float64) ** 2)
+        return np.asarray(sigma, dtype=np.float64)
 
     def slack(self, C_EK: Array) -> Array | float:
         """Angle (n,) by which the further parameters may move a sighting."""
         p = len(self.options.calibration.names)
         if p == 0:
             return 0.0
-        problem = self.problem(State(C_EK, np.zeros(p)), self.seen)
-        moved = problem.model.B @ problem.A[..., 3 : 3 + p]
-        return np.asarray(np.sqrt(np.trace(moved @ self.expected() @ moved.mT, axis1=-2, axis2=-1)))
+        angle, fit = np.empty(self.o.n), self.at(State(C_EK, np.zeros(p)), self.seen)
+        for rows, (_, model, A) in fit.parts():
+            moved = model.B @ (A[..., 3 : 3 + p] * self.expected())
+            angle[rows] = np.sqrt(np.sum(moved**2, axis=(-2, -1)))
+        return angle
 
     def refine(self, found: Consensus) -> AlignmentEstimate:
-        p = len(self.options.calibration.names)
-        state = State(found.C_EK, np.zeros(p))
-        used, problem = found.agree, self.problem(State(found.C_EK, np.zeros(p)), found.agree)
+        state = State(found.C_EK, np.zeros(len(self.options.calibration.names)))
         for _ in range(2):
-            spread = self._uncertainty(found)
-            J = problem.A[..., : spread.shape[0]]
-            used = clusters(problem.observations, problem.model, J, found.agree, spread)
-            state, problem = self.fit(state, used)
-            found = self._nearer(found, state, problem)
-        used = self._widened(problem, used, found.agree)
+            used = self._clusters(state, found)
+            state = self.moved(state, used, 2)
+            found = self._nearer(state)
+        used = self._widened(state, used, found.agree)
         verdict = np.where(used | ~self.seen, int(Verdict.USED), int(Verdict.SIGHTING))
         state, verdict = self._snoop(state, verdict)
         for i in self._wrong_images(self.seen & (verdict == int(Verdict.USED))):
@@ -125,32 +126,40 @@ class _Search:
             verdict[(self.o.landmark == place) & (verdict != int(Verdict.IMAGE))] = int(Verdict.LANDMARK)
         return self._finish(state, verdict)
 
+    def _clusters(self, state: State, found: Consensus) -> Mask:
+        """Of the sightings that agree, those in the largest cluster of residuals of their image."""
+        uncertain, kept = self._uncertainty(found), np.zeros(self.o.n, dtype=bool)
+        for rows, (table, model, A) in self.at(state, found.agree).parts():
+            place, agree = np.arange(self.o.n)[rows], found.agree[rows]
+            V, U = own_covariance(table, model), A[..., : uncertain.size] * uncertain
+            for mine in members(table.image, agree):
+                kept[place[mine]] = cluster(model.z_px[mine], V[mine], U[mine])
+        return kept
+
     def _uncertainty(self, found: Consensus) -> Array:
-        """Covariance (3 + p, 3 + p) of a state found by consensus: what may still bend the residuals of an image."""
+        """Standard deviations (3 + p,) of a state found by consensus: what may still bend the residuals of an image."""
         d = Directions.of(self.o.select(found.agree), 0.0)
         centred = d.e_K - np.mean(d.e_K, axis=0)
         radius = np.sqrt(np.mean(np.sum(centred**2, axis=-1)))
         turn = 2.0 * float(np.mean(d.own)) / max(radius, float(np.mean(d.own)))
-        p = len(self.options.calibration.names)
-        spread = np.zeros((3 + p, 3 + p))
-        spread[:3, :3] = (turn**2 + float(np.mean(d.shared)) ** 2) * np.eye(3)
-        spread[3:, 3:] = self.expected()
-        return spread
+        return np.concatenate([np.full(3, np.hypot(turn, float(np.mean(d.shared)))), self.expected()])
 
-    def _nearer(self, found: Consensus, state: State, problem: Problem) -> Consensus:
+    def _nearer(self, state: State) -> Consensus:
         """The sightings within the shared errors of a better state."""
-        d = Directions.of(problem.observations)
-        misfit = np.linalg.norm(d.e_K @ state.C_EK.mT - d.e_E, axis=-1)
-        near = misfit < 4.0 * np.hypot(d.own, np.sqrt(2.0) * d.shared)
+        near = np.zeros(self.o.n, dtype=bool)
+        for rows, (table, _, _) in self.at(state, self.seen).parts():
+            d = Directions.of(table)
+            misfit = np.linalg.norm(d.e_K @ state.C_EK.mT - d.e_E, axis=-1)
+            near[rows] = misfit < 4.0 * np.hypot(d.own, np.sqrt(2.0) * d.shared)
         return Consensus(state.C_EK, near & self.seen, True)
 
-    def _widened(self, problem: Problem, used: Mask, agree: Mask) -> Mask:
+    def _widened(self, state: State, used: Mask, agree: Mask) -> Mask:
         """Sightings to start snooping from: more than those of the clusters where the noise is larger than stated.
 
         The 30 % quantile of T (0.713 for chi-square with 2 degrees of freedom) among those that agree says how much
         larger, be up to 60 % of them wrong; of two sets that each hold together, snooping then ends with the larger.
         """
-        tested = reliability(problem.observations, problem.model, problem.A, problem.prior)
+        tested = self.at(state, used).tested()
         if tested is None or not np.any(agree):
             return used
         T = tested.sightings[0]
@@ -159,31 +168,31 @@ class _Search:
 
     def _wrong_images(self, used: Mask) -> list[int]:
         """Images of which hardly a sighting is used though most of them agree on an attitude of their own."""
+        counts, kept = (
+            np.bincount(self.o.image[mask], minlength=self.o.n_images) for mask in (self.seen, used)
+        )
         wrong = []
-        for i in np.unique(self.o.image[self.seen & ~used]):
-            mine = self.seen & (self.o.image == i)
-            if np.sum(mine) < LEAST or np.sum(used & mine) > 0.1 * np.sum(mine):
-                continue
-            rows = self.o.select(mine)
+        for i in np.flatnonzero((counts >= LEAST) & (kept < counts) & (kept <= 0.1 * counts)):
+            rows = self.o.select(self.seen & (self.o.image == i))
             own = consensus(rows, np.random.default_rng(self.options.seed), self._bend(rows), alone=True)
-            if own is not None and np.sum(own.agree) >= max(LEAST, 0.5 * np.sum(mine)):
+            if own is not None and np.sum(own.agree) >= max(LEAST, 0.5 * counts[i]):
                 wrong.append(int(i))
         return wrong
 
     def _wrong_landmarks(self, state: State, verdict: NDArray[np.int64]) -> list[int]:
         """Landmarks of which hardly a sighting is used though most of them agree on another place."""
-        wrong = []
         out = self.seen & (verdict == int(Verdict.SIGHTING))
         used = self.seen & (verdict == int(Verdict.USED))
-        for place in np.flatnonzero(np.bincount(self.o.landmark[out], minlength=self.o.n_landmarks) > 2):
+        lost, kept = (
+            np.bincount(self.o.landmark[mask], minlength=self.o.n_landmarks) for mask in (out, used)
+        )
+        wrong = []
+        for place in np.flatnonzero((lost > 2) & (kept <= 0.25 * (lost + kept))):
             mine = (out | used) & (self.o.landmark == place)
-            if np.sum(used & mine) > 0.25 * np.sum(mine):
-                continue
             free = np.array(self.o.cov_landmark_J)
             free[place] += 1e8 * np.eye(3)
-            problem = self.problem(state, used | mine)
-            moved = replace(problem.observations, cov_landmark_J=free)
-            tested = reliability(moved, problem.model, problem.A, problem.prior)
+            fit = self.at(state, used | mine)
+            tested = replace(fit, table=replace(fit.table, cov_landmark_J=free)).tested()
             if tested is None:
                 continue
             fits = excess(tested, self.seen, self.options.alpha, self.options.alpha_group)[0][mine] <= 1.0
@@ -201,8 +210,8 @@ class _Search:
         dropped = np.zeros(self.o.n, dtype=np.int64)
         for _ in range(PASSES):
             used = self.seen & (verdict == int(Verdict.USED))
-            state, problem = self.fit(state, used, 1)
-            tested = reliability(problem.observations, problem.model, problem.A, problem.prior)
+            state = self.moved(state, used, 1)
+            tested = self.at(state, used).tested()
             if tested is None:
                 break
             changed = self._pass(tested, verdict, dropped)
@@ -212,7 +221,7 @@ class _Search:
         return state, verdict
 
     def _pass(
-        self, tested: Reliability, verdict: NDArray[np.int64], dropped: NDArray[np.int64]
+        self, tested: Tested, verdict: NDArray[np.int64], dropped: NDArray[np.int64]
     ) -> NDArray[np.int64] | None:
         """The verdicts after one pass, None where none changes; ``dropped`` counts how often each went."""
         T, critical = excess(tested, self.seen, self.options.alpha, self.options.alpha_group)
@@ -243,6 +252,14 @@ class _Search:
         kept = replace(self.o, weight=np.where(used, self.o.weight, 0.0))
         estimate = self.options.calibration.estimate(kept, self.C_EK_model, state)
         return replace(estimate, verdict=verdict)
+
+
+def members(image: NDArray[np.int64], chosen: Mask) -> Iterator[NDArray[np.int64]]:
+    """The chosen rows of each image that has any."""
+    rows = np.flatnonzero(chosen)
+    rows = rows[np.argsort(image[rows], kind="stable")]
+    if rows.size:
+        yield from np.split(rows, np.flatnonzero(np.diff(image[rows])) + 1)
 
 
 def _largest_of(T: Array, used: Mask, group: NDArray[np.int64]) -> Array:
