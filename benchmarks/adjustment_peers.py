@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from starplumb import so3
-from starplumb.camera import FrameCamera
+from starplumb.camera import Distortion, FrameCamera
 from starplumb.estimators.wahba import Wahba
 from starplumb.model import linearise
 from starplumb.observations import Observations
@@ -217,7 +217,7 @@ class Full:
     def residual(self, u: Array) -> Array:
         p, (x, own) = self.problem, self.values(u)
         _, _, s_K = self._directions(x, own)
-        off = p.optics.at(x[3:]).px_from_tan(s_K[:, :2] / s_K[:, 2:]) - p.pixel
+        off = corrected(p.optics.camera, x[3:]).px_from_tan(s_K[:, :2] / s_K[:, 2:]) - p.pixel
         return np.concatenate([(p.W @ off[..., None]).ravel(), self.held @ (x / p.unit), own.ravel()])
 
     def jacobian(self, u: Array) -> Any:
@@ -234,7 +234,7 @@ class Full:
 
         Of ``exp(-w - dw) = exp(-w) exp(-J(w) dw)`` a vector v turned by it changes by ``exp(-w) v x J(w) dw``.
         """
-        p, k, camera = self.problem, self.k, self.problem.optics.at(x[3:])
+        p, k, camera = self.problem, self.k, corrected(self.problem.optics.camera, x[3:])
         C_KE, s_E, s_K = self._directions(x, own)
         h = s_K[:, :2] / s_K[:, 2:]
         h_d, slope = camera.distortion.apply(h)
@@ -248,6 +248,17 @@ class Full:
         P[..., k : k + 3] = by_s_E @ so3.skew(s_E) @ turned
         P[..., k + 3 :] = by_s_E @ p.T[p.image] / p.range_m[:, None, None]
         return P
+
+
+def corrected(camera: FrameCamera, x: Array) -> FrameCamera:
+    """The camera with corrections (8,) to focal length, principal point, k1, k2, k3, p1, p2."""
+    k, p = camera.distortion.k, camera.distortion.p
+    return replace(
+        camera,
+        focal_length=camera.focal_length + x[0],
+        principal_point_px=tuple(camera.principal_point_px + x[1:3]),
+        distortion=Distortion(tuple(k + x[3:6]), tuple(p + x[6:8])),
+    )
 
 
 def _by_optics(h: Array, h_d: Array, camera: FrameCamera) -> Array:
