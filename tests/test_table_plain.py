@@ -74,6 +74,7 @@ PLAIN = {
     "hash inside": HEAD + "#a,1,#\n",
     "blanks around": " id , x , y \n a b , 1.5 ,  2 \n",
     "blank end": HEAD + "a,1,\n\n  \n\n",
+    "accents above": "# Z\u00fcrich\nid,x,h\u00f6he\na,1,\n",
     "only text": "id,x\na b,1\n",
     "long names": HEAD + "".join(f"{'n' * k},{k},{'z' * k}\n" for k in range(1, 900)),
     "digits": HEAD
@@ -86,6 +87,12 @@ UNUSUAL = {
     "quotes": HEAD + '"a",1,\n',
     "quote inside": HEAD + 'a"b,1,\n',
     "quoted header": '"id",x\na,1\n',
+    "quoted header ignored": 'id,x,"note"\na,1,\n',
+    "CR above": "# one\r" + HEAD + "a,1,\n",
+    "NUL above": "# \0\n" + HEAD + "a,1,\n",
+    "line separator above": "# \u2028\n" + HEAD + "a,1,\n",
+    "null": HEAD + "a,null,\n",
+    "NA": HEAD + "a,NA,\n",
     "blank line": HEAD + "a,1,\n\nb,2,\n",
     "line of blanks": HEAD + "a,1,\n  \nb,2,\n",
     "CR only": (HEAD + "a,1,\n").replace("\n", "\r"),
@@ -163,6 +170,16 @@ def test_texts_longer_than_the_first_are_not_cut(plainly: Read, tmp_path: Path, 
     found = plainly(path)
     assert found is not None
     require_same(found, carefully(path))
+
+
+def test_blank_lines_are_seen_where_no_column_is_wanted(plainly: Read, tmp_path: Path) -> None:
+    assert plainly(written(tmp_path, "x\n1\n\n2\n"), Wanted((), ())) is None
+
+
+def test_a_parser_that_drops_a_row_is_not_believed(tmp_path: Path) -> None:
+    path = written(tmp_path, "id,x\na,1\nb,2\n")
+    for parsed in (({"x": np.ones(1)}, {"id": ["a", "b"]}), ({"x": np.ones(2)}, {"id": ["a"]})):
+        assert read_plain(path, WANTED, lambda *_, parsed=parsed: lambda _: parsed) is None
 
 
 def test_a_file_that_is_not_there_is_left_to_the_careful_reader(plainly: Read, tmp_path: Path) -> None:

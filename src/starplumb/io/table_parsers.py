@@ -1,7 +1,7 @@
 """Two parsers of well-kept libraries for plain rows of CSV: NumPy's, and several times quicker that of PyArrow.
 
 Each is made for a header and the columns wanted of it, and takes whole lines (ASCII, LF, none of them blank, no quotes)
-to the columns by name.  It raises ValueError wherever it would not read what ``float`` and ``str.split(",")`` do.
+to the columns by name.  It raises ValueError, or gives nan, wherever it does not read what ``float`` would.
 """
 
 from __future__ import annotations
@@ -75,16 +75,13 @@ def arrow_parser(header: Sequence[str], wanted: Wanted) -> Parser:
     numbers = {name: str(header.index(name)) for name in wanted.numbers_in(header)}
     types = dict.fromkeys(texts.values(), pyarrow.string())
     types |= dict.fromkeys(numbers.values(), pyarrow.float64())
-    parse_options = csv.ParseOptions(quote_char=False, ignore_empty_lines=False)
-    convert_options = csv.ConvertOptions(
-        column_types=types, include_columns=list(types), null_values=[], check_utf8=False
-    )
+    convert_options = csv.ConvertOptions(column_types=types, include_columns=list(types), check_utf8=False)
 
     def parse(piece: bytes) -> Parsed:
         read_options = csv.ReadOptions(
             use_threads=False, block_size=len(piece) + 1, column_names=[str(i) for i in range(len(header))]
         )
-        rows = csv.read_csv(pyarrow.BufferReader(piece), read_options, parse_options, convert_options)
+        rows = csv.read_csv(pyarrow.BufferReader(piece), read_options, convert_options=convert_options)
         return (
             {name: rows[place].to_numpy() for name, place in numbers.items()},
             {name: rows[place].to_pylist() for name, place in texts.items()},

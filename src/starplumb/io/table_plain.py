@@ -6,7 +6,7 @@ may give up early.  Left to the other are
 
 - quotes, tabs and line ends of one CR, which mean something to one of the two only;
 - blank lines but at the end, which would shift the lines of the file;
-- letters beyond ASCII: blanks of other scripts may surround a number for one and not for the other;
+- letters beyond ASCII in rows: blanks of other scripts may surround a number for one and not for the other;
 - inf, nan and empty texts, which the parsers take, and cells too long for the standard library.
 """
 
@@ -52,7 +52,7 @@ def read_plain(
 def _header(file: BufferedReader) -> tuple[int, list[str]]:
     """The line of the header, below comments and blank lines, and its names."""
     for line, raw in enumerate(file, 1):
-        text = _unix(raw.removeprefix(_MARK) if line == 1 else raw).decode("ascii")
+        text = _unix(raw.removeprefix(_MARK) if line == 1 else raw).decode()
         if not text.rstrip("\n").isprintable() or '"' in text or len(text) > _LONGEST:
             break
         if text.strip() and not text.lstrip().startswith("#"):
