@@ -1,0 +1,217 @@
+"""Whole images on the ground, as files: every pixel where the single one is, and what is beside the terrain."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from problems import C_EK_TRUE, FRAME, LINE, truth
+from starplumb import geolocation
+from starplumb.cli.app import app
+from starplumb.demo import demo
+from starplumb.earth import geodetic_to_itrf, itrf_to_geodetic
+from starplumb.errors import InputError
+from starplumb.geolocation import positions, terrain_below
+from starplumb.geometry import locate
+from starplumb.io.write_campaign import write_campaign
+from starplumb.terrain import ground_height
+
+rasterio = pytest.importorskip("rasterio")
+# rasterio multiplies its transforms in the old way
+pytestmark = pytest.mark.filterwarnings("ignore:Use `@` matmul:PendingDeprecationWarning")
+
+
+def hills(latitude, longitude):
+    """Heights 200 .. 1000 m, hills some 10 km long."""
+    return 600.0 + 400.0 * np.sin(4000.0 * latitude) * np.cos(3000.0 * longitude)
+
+
+def singly(campaign, row, column, height):
+    """Longitude, latitude of one pixel by the geometry of single rays."""
+    p_J = locate(campaign, C_EK_TRUE, np.zeros(1, dtype=int), [column], [row], height)
+    latitude, longitude, _ = itrf_to_geodetic(p_J)
+    return longitude[0], latitude[0]
+
+
+@pytest.mark.parametrize("camera", [FRAME, LINE], ids=["frame", "line"])
+def test_every_pixel_is_where_the_single_one_is(camera, monkeypatch):
+    monkeypatch.setattr(geolocation, "BLOCK", 20)
+    campaign = truth(camera, 1, 1, tilt_deg=25.0)
+    rows, columns = np.arange(0.0, 12000.0, 1500.0), np.arange(0.0, 12000.0, 1700.0)
+    blocks = list(positions(campaign, C_EK_TRUE, 0, rows, columns, 350.0))
+    assert len(blocks) == geolocation.block_count(rows, columns) > 1
+    found = np.concatenate(blocks)
+    assert found.shape == (8, 8, 3)
+    np.testing.assert_array_equal(found[..., 2], 350.0)
+    for i, j in ((0, 0), (3, 5), (7, 7)):
+        np.testing.assert_allclose(
+            found[i, j, :2], singly(campaign, rows[i], columns[j], 350.0), atol=2e-11, rtol=0
+        )
+
+
+def test_the_terrain_below_is_met_where_the_single_ray_meets_it():
+    """Against the walk down a single ray; and it covers all that is seen."""
+    campaign = truth(LINE, 1, 1, tilt_deg=25.0)
+    rows, columns = np.linspace(0.0, 11999.0, 4), np.linspace(0.0, 11999.0, 5)
+    terrain = terrain_below(campaign, C_EK_TRUE, 0, rows, columns, hills, 30.0)
+    (found,) = positions(campaign, C_EK_TRUE, 0, rows, columns, terrain)
+    assert np.ptp(found[..., 2]) > 300.0
+    for i, j in ((0, 0), (1, 4), (3, 2)):
+        height = ground_height(campaign, C_EK_TRUE, 0, np.array([columns[j], rows[i]]), hills, 30.0)
+        assert found[i, j, 2] == pytest.approx(height, abs=0.3)  # a plane between posts of curved ground
+        np.testing.assert_allclose(
+            found[i, j, :2], singly(campaign, rows[i], columns[j], found[i, j, 2]), atol=1e-9, rtol=0
+        )
+
+
+def test_ground_that_is_not_known_is_not_a_number():
+    campaign = truth(FRAME, 1, 1)
+    rows = columns = np.linspace(0.0, 11999.0, 5)
+    middle, _ = singly(campaign, 6000.0, 6000.0, 0.0)
+    half = terrain_below(
+        campaign, C_EK_TRUE, 0, rows, columns, lambda lat, lon: np.where(lon < middle, 100.0, np.nan), 500.0
+    )
+    (found,) = positions(campaign, C_EK_TRUE, 0, rows, columns, half)
+    assert 5 < np.isnan(found[..., 2]).sum() < 20
+    np.testing.assert_array_equal(np.isnan(found[..., 0]), np.isnan(found[..., 2]))
+    with pytest.raises(InputError, match="found no ground height below it"):
+        terrain_below(campaign, C_EK_TRUE, 0, rows, columns, lambda lat, lon: np.full(lat.shape, np.nan), 9.0)
+    with pytest.raises(InputError, match="wanted 1e\\+08 at most"):
+        terrain_below(campaign, C_EK_TRUE, 0, rows, columns, hills, 0.01)
+
+
+def test_the_date_line_is_crossed():
+    """Longitudes are -180 to 180 degrees on either side of it, and the terrain goes on beyond."""
+    campaign = truth(FRAME, 1, 1)
+    longitude, latitude = singly(campaign, 6000.0, 6000.0, 0.0)
+    turn = np.pi - longitude
+    C = np.array([[np.cos(turn), -np.sin(turn), 0.0], [np.sin(turn), np.cos(turn), 0.0], [0.0, 0.0, 1.0]])
+    assert np.allclose(C @ geodetic_to_itrf(latitude, longitude, 0.0), geodetic_to_itrf(latitude, np.pi, 0.0))
+    turned = _turned(campaign, C)
+    rows = columns = np.linspace(0.0, 11999.0, 3)
+    flat = terrain_below(
+        turned, C_EK_TRUE, 0, rows, columns, lambda lat, lon: np.full(lat.shape, 80.0), 200.0
+    )
+    (found,) = positions(turned, C_EK_TRUE, 0, rows, columns, flat)
+    assert np.all(np.abs(found[..., 0]) <= np.pi)
+    assert len(np.unique(np.sign(found[..., 0]))) == 2
+    assert not np.isnan(found).any()
+
+
+def _turned(campaign, C):
+    """The campaign as if the Earth had turned below it."""
+
+    class Turned:
+        def __init__(self, series, after):
+            self.series, self.after = series, after
+
+        def at(self, *a, **k):
+            return self.after(*self.series.at(*a, **k))
+
+    orbit = Turned(campaign.ephemeris, lambda r, v: (r @ C.mT, v if v is None else v @ C.mT))
+    attitude = Turned(campaign.attitude, lambda C_EJ, omega: (C_EJ @ C.mT, omega))
+    return replace(campaign, ephemeris=orbit, attitude=attitude)
+
+
+@pytest.fixture
+def written(tmp_path):
+    campaign, _ = demo("frame", 1, 4)
+    return write_campaign(tmp_path / "campaign", campaign), CliRunner()
+
+
+def point(run, path, column, row):
+    told = run.invoke(app, ["locate", str(path), "--image", "image01", str(column), str(row), "--json"])
+    document = json.loads(told.stdout)
+    return [document[key] for key in ("longitude_deg", "latitude_deg", "height_m")]
+
+
+@pytest.mark.filterwarnings("ignore:Dataset has no geotransform")
+@pytest.mark.parametrize("ending", ["tif", "npy"])
+def test_the_command_writes_a_grid(written, tmp_path, ending):
+    path, run = written
+    out = tmp_path / "new" / f"ground.{ending}"
+    told = run.invoke(
+        app, ["locate", str(path), "--image", "image01", "--grid", str(out), "--every", "3000", "--json"]
+    )
+    assert told.exit_code == 0, told.output
+    document = json.loads(told.stdout)
+    assert (document["rows"], document["columns"], document["pixels_without_ground"]) == (4, 4, 0)
+    if ending == "npy":
+        grid = np.load(out, allow_pickle=False)
+    else:
+        with rasterio.open(out) as file:
+            assert file.descriptions == ("longitude_deg", "latitude_deg", "height_m")
+            assert (file.tags()["PIXEL_STEP"], file.tags()["LINE_OFFSET"]) == ("3000", "0.0")
+            grid = file.read()
+    for i, j in ((0, 0), (1, 3), (3, 2)):
+        np.testing.assert_allclose(grid[:, i, j], point(run, path, 3000 * j, 3000 * i), atol=2e-9, rtol=0)
+    assert [file.name for file in out.parent.iterdir()] == [out.name]
+
+
+def test_a_grid_on_a_dem_says_what_it_lacks(written, tmp_path):
+    path, run = written
+    longitude, latitude, _ = point(run, path, 6000, 6000)
+    dem = tmp_path / "dem.tif"
+    transform = rasterio.transform.from_origin(longitude - 1.0, latitude + 1.0, 0.01, 0.01)
+    profile = {
+        "driver": "GTiff",
+        "width": 100,
+        "height": 200,
+        "count": 1,
+        "dtype": "float64",
+        "crs": "EPSG:4326",
+    }
+    with rasterio.open(dem, "w", transform=transform, **profile) as file:
+        file.write(np.full((200, 100), 250.0), 1)
+    out = tmp_path / "ground.npy"
+    arguments = ["locate", str(path), "--image", "image01", "--grid", str(out), "--every", "1000"]
+    told = run.invoke(app, [*arguments, "--dem", str(dem), "--heights", "ellipsoidal", "--json"])
+    assert told.exit_code == 0, told.output
+    grid = np.load(out, allow_pickle=False)
+    missing = json.loads(told.stdout)["pixels_without_ground"]
+    assert 40 < missing == np.isnan(grid[2]).sum() < 104
+    np.testing.assert_allclose(grid[2][~np.isnan(grid[2])], 250.0, atol=1e-6)
+    west = grid[0][~np.isnan(grid[0])]
+    assert west.size
+    assert np.all(west < longitude)
+
+
+@pytest.mark.parametrize(
+    ("more", "says"),
+    [
+        (["--grid", "ground.csv"], "ground.csv: found the ending '.csv', wanted .tif, .tiff, .npy"),
+        (["1", "2", "--grid", "ground.npy"], "found them and --grid, wanted one"),
+        ([], "found neither them nor --grid, wanted one"),
+        (["1"], "found neither them nor --grid, wanted one"),
+    ],
+)
+def test_wrong_options_are_refused_in_a_sentence(written, more, says):
+    path, run = written
+    told = run.invoke(app, ["locate", str(path), "--image", "image01", *more])
+    assert isinstance(told.exception, InputError)
+    assert says in str(told.exception)
+    assert "\n" not in str(told.exception)
+
+
+def test_a_folder_in_the_way_is_said(written, tmp_path):
+    path, run = written
+    (tmp_path / "ground.npy").mkdir()
+    told = run.invoke(
+        app,
+        [
+            "locate",
+            str(path),
+            "--image",
+            "image01",
+            "--every",
+            "6000",
+            "--grid",
+            str(tmp_path / "ground.npy"),
+        ],
+    )
+    assert isinstance(told.exception, InputError)
+    assert "ground.npy: found no way to write it" in str(told.exception)
