@@ -102,12 +102,12 @@ class Problem:
             self.image.astype("<i4").tofile(file)
 
 
-def by_ceres(problem: Problem, program: Path, per: str) -> Found:
-    """By the program made of ``ceres/adjustment.cpp``, a cost ``per`` sighting or image."""
+def by_ceres(problem: Problem, program: Path, per: str, radius: float = 1e16) -> Found:
+    """By the program made of ``ceres/adjustment.cpp``: a cost ``per`` sighting or image, its trust region's ``radius``."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "problem"
         problem.write(path)
-        run = subprocess.run([program, path, per], stdout=subprocess.PIPE, check=True)
+        run = subprocess.run([program, path, per, str(radius)], stdout=subprocess.PIPE, check=True)
     said = json.loads(run.stdout)
     if not said["converged"]:
         raise SystemExit("Ceres did not converge")

@@ -79,6 +79,9 @@ def peers(arguments: argparse.Namespace, n: int) -> dict[str, Callable[[Problem]
     if arguments.ceres and n <= arguments.ceres_most:
         for per in ("sighting", "image"):
             chosen[f"Ceres, a cost per {per}"] = partial(by_ceres, program=arguments.ceres, per=per)
+            if arguments.ceres_own_radius:
+                own = partial(by_ceres, program=arguments.ceres, per=per, radius=1e4)
+                chosen[f"Ceres, a cost per {per}, its own trust region"] = own
     if n <= arguments.scipy:
         chosen["SciPy, scaled block by block"] = partial(by_scipy, blocks=True)
     if n <= arguments.scipy_columns:
@@ -134,6 +137,11 @@ def main() -> None:
     )
     parser.add_argument("--ceres", type=Path, help="the program made of ceres/adjustment.cpp")
     parser.add_argument("--ceres-most", type=int, default=1_000_000, help="largest size given to it")
+    parser.add_argument(
+        "--ceres-own-radius",
+        action="store_true",
+        help="also with the trust region that Ceres begins with itself",
+    )
     arguments = parser.parse_args()
     print("| sightings | solver | CPU s | times ours | passes | memory MB | apart / sigma | error / sigma |")
     print("|---|---|---|---|---|---|---|---|", flush=True)

@@ -1,7 +1,7 @@
 // The adjustment of benchmarks/adjustment_size.py by Ceres, derivatives by its automatic differentiation.
 //
 //   g++ -O3 -march=native -DNDEBUG -I/usr/include/eigen3 adjustment.cpp -o adjustment -lceres -lglog
-//   ./adjustment PROBLEM sighting|image
+//   ./adjustment PROBLEM sighting|image [RADIUS]
 //
 // (Debian: g++ libceres-dev.)  PROBLEM is written by benchmarks/adjustment_peers.py: little-endian, packed,
 //
@@ -22,7 +22,8 @@
 // The light effects are those of the measured position: an error of metres changes them by 1e-10 rad.
 //
 // Ceres is given the ordering that suits an arrow (images eliminated first, the dense rest is 11 wide) and, the start
-// being good, a trust region that does not bind: Gauss-Newton steps.  Each sighting is a cost of its own, as in the
+// being good, a trust region that does not bind: Gauss-Newton steps; RADIUS is that of another one (Ceres's own: 1e4).
+// Each sighting is a cost of its own, as in the
 // examples of Ceres; with "image" all of an image are one cost, which shares its rotations and blocks.
 //
 // Prints one JSON object: whether it converged, linearisations ("passes"), chi-square, CPU seconds of the solution
@@ -221,13 +222,13 @@ void AddPriors(const Table& t, double* common, std::vector<double>& own, ceres::
   for (size_t j = 0; j < t.images.size(); ++j) problem->AddResidualBlock(unit, nullptr, &own[kOwn * j]);
 }
 
-ceres::Solver::Options Settings(double* common, std::vector<double>& own) {
+ceres::Solver::Options Settings(double radius, double* common, std::vector<double>& own) {
   ceres::Solver::Options options;
   options.linear_solver_type = ceres::DENSE_SCHUR;
   options.linear_solver_ordering = std::make_shared<ceres::ParameterBlockOrdering>();
   for (size_t j = 0; j < own.size(); j += kOwn) options.linear_solver_ordering->AddElementToGroup(&own[j], 0);
   options.linear_solver_ordering->AddElementToGroup(common, 1);
-  options.initial_trust_region_radius = 1e16;
+  options.initial_trust_region_radius = radius;
   // steps are judged by the cost, whose own rounding is some 1e-14: this leaves 1e-4 sigma, and no step is refused
   options.function_tolerance = 1e-13;
   options.parameter_tolerance = 0.0;
@@ -247,11 +248,12 @@ void PrintValues(const Header& h, const double* common) {
 
 int main(int argc, char** argv) {
   google::InitGoogleLogging(argv[0]);
-  const std::string per = argc == 3 ? argv[2] : "";
+  const std::string per = argc == 3 || argc == 4 ? argv[2] : "";
   if (per != "sighting" && per != "image") {
-    std::fprintf(stderr, "usage: %s PROBLEM sighting|image\n", argv[0]);
+    std::fprintf(stderr, "usage: %s PROBLEM sighting|image [RADIUS]\n", argv[0]);
     return 2;
   }
+  const double radius = argc == 4 ? std::atof(argv[3]) : 1e16;
   const Table table = Read(argv[1]);
   const double before_mb = PeakMegabytes();
   double common[kCommon] = {};
@@ -261,7 +263,7 @@ int main(int argc, char** argv) {
   AddPriors(table, common, own, &problem);
   ceres::Solver::Summary summary;
   const double start = CpuSeconds();
-  ceres::Solve(Settings(common, own), &problem, &summary);
+  ceres::Solve(Settings(radius, common, own), &problem, &summary);
   const double end = CpuSeconds();
   std::printf("{\"converged\": %s, ", summary.termination_type == ceres::CONVERGENCE ? "true" : "false");
   std::printf("\"passes\": %d, \"chi2\": %.17g, ", summary.num_jacobian_evaluations, 2.0 * summary.final_cost);

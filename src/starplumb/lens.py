@@ -22,8 +22,8 @@ LensNumbers = tuple[Row, Row, Row, Row, Row, Lens, Lens]
 length; pitch / focal length; its lens; and the stated lens."""
 
 LENS_ROWS = 10
-SETTLED = 1e-9
-"""Step of Newton's method after which the next one would be its square."""
+SETTLED = 1e-7
+"""Step of Newton's method, rad, after which the next one, of the order of its square, would be below rounding."""
 
 
 def distort(x: Row, y: Row, lens: Lens) -> tuple[Row, Row, Row, Row, Row]:
@@ -111,12 +111,12 @@ def effects(x: Row, y: Row, distorted: tuple[Row, Row], focal_length: Row, scale
     In the order focal length, principal column and row, k1, k2, k3, p1, p2; ``scale`` is pitch / focal length.
     """
     xy2, r2 = 2.0 * x * y, x * x + y * y
-    r4, zero = r2 * r2, 0.0 * x
-    r6, whole = r4 * r2, zero + scale
+    r4 = r2 * r2
+    r6 = r4 * r2
     by_length = 1.0 / focal_length
     return (
-        (distorted[0] * by_length, whole, zero, x * r2, x * r4, x * r6, xy2, r2 + 2.0 * x * x),
-        (distorted[1] * by_length, zero, whole, y * r2, y * r4, y * r6, r2 + 2.0 * y * y, xy2),
+        (distorted[0] * by_length, scale, 0.0, x * r2, x * r4, x * r6, xy2, r2 + 2.0 * x * x),
+        (distorted[1] * by_length, 0.0, scale, y * r2, y * r4, y * r6, r2 + 2.0 * y * y, xy2),
     )
 
 
