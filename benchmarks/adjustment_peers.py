@@ -103,7 +103,7 @@ class Problem:
 
 
 def by_ceres(problem: Problem, program: Path, per: str, radius: float = 1e16) -> Found:
-    """By the program made of ``ceres/adjustment.cpp``: a cost ``per`` sighting or image, its trust region's ``radius``."""
+    """By the program of ``ceres/adjustment.cpp``: a cost ``per`` sighting or image, its trust region's ``radius``."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "problem"
         problem.write(path)
