@@ -9,7 +9,7 @@ import pytest
 from scipy.linalg import block_diag
 
 from problems import C_EK_TRUE, FRAME, LINE, truth
-from starplumb import adjustment, arrow, covisibility
+from starplumb import adjustment, arrow, covisibility, elimination
 from starplumb.adjustment import solve, square_root
 from starplumb.geometry import observe
 from starplumb.model import linearise
@@ -63,11 +63,11 @@ def way(request, monkeypatch):
         monkeypatch.setattr(adjustment, "LARGE", 0)
         monkeypatch.setattr(adjustment, "MANY", 0)
         monkeypatch.setattr(arrow, "CHUNK", 7)
-        monkeypatch.setattr(arrow, "WINDOW", 100)
+        monkeypatch.setattr(elimination, "WINDOW", 100)
         monkeypatch.setattr(covisibility, "LEAST", 1)
         cheaper = covisibility._cheaper
         goes = request.param != "landmarks first"
-        monkeypatch.setattr(arrow, "STORED", 0 if request.param == "woven" else arrow.STORED)
+        monkeypatch.setattr(elimination, "STORED", 0 if request.param == "woven" else elimination.STORED)
         monkeypatch.setattr(covisibility, "_cheaper", lambda *a: np.full_like(cheaper(*a), goes))
     return request.param
 

@@ -19,7 +19,7 @@ MODULES = {
 FLOORS = {
     0: "errors units so3 small tridiagonal conjugate rows",
     1: "earth timescales orientation orbit lens camera series corrections layout",
-    2: "campaign trackers observations model geometry adjustment whitening arrow covisibility streaming parameters "
+    2: "campaign trackers observations model geometry adjustment whitening arrow elimination covisibility streaming parameters "
     "design_rows",
     3: "estimators simulate scene passes sources error_models reliability portions",
     4: "",  # what studies, judges and plans: every module not named elsewhere

@@ -11,7 +11,7 @@ from scipy.linalg import block_diag
 from scipy.stats import chi2 as chi2_distribution
 
 from problems import C_EK_TRUE, FRAME, LINE, truth
-from starplumb import so3, streaming
+from starplumb import adjustment, arrow, covisibility, elimination, so3, streaming
 from starplumb.adjustment import solve
 from starplumb.estimators.gls import Gls
 from starplumb.estimators.protocol import Verdict
@@ -151,24 +151,15 @@ def uneven(rng):
     return o, used
 
 
-def test_portions_say_what_the_whole_says(monkeypatch, rng):
-    """Of a large table that is never held whole: statistics, residuals and error budget are those of the dense one."""
-    o, used = uneven(rng)
-    calibration = SelfCalibration((Optics(FRAME, ("focal_length", "k1"), (np.inf, 1.0)),))
-    estimate = calibration(o.select(used), C_EK_TRUE)
+def judged(calibration, o, estimate, used):
+    """All that is said after an estimate: of sightings, of what was left out, and how it was gone through."""
+    fit = fit_at(calibration, o, C_EK_TRUE, estimate, used)
+    verdict = np.where(used, 0, np.where(o.image == 5, int(Verdict.IMAGE), int(Verdict.SIGHTING)))
+    found = snoop(fit, estimate)
+    return found, residuals(fit, used), rejections(fit, found, verdict), fit
 
-    def judged():
-        fit = fit_at(calibration, o, C_EK_TRUE, estimate, used)
-        verdict = np.where(used, 0, np.where(o.image == 5, int(Verdict.IMAGE), int(Verdict.SIGHTING)))
-        found = snoop(fit, estimate)
-        return found, residuals(fit, used), rejections(fit, found, verdict), fit
 
-    whole = judged()
-    for name, value in (("LARGE", 50), ("CHUNK", 40)):
-        monkeypatch.setattr(streaming, name, value)
-    parts = judged()
-    assert whole[3].solution is None
-    assert len(list(parts[3].portions())) > 15
+def check_same(parts, whole):
     for name in ("statistic", "w", "tau", "redundancy", "detectable_px", "effect_E"):
         np.testing.assert_allclose(getattr(parts[0], name), getattr(whole[0], name), rtol=1e-6, atol=1e-9)
     for name in ("images", "landmarks"):
@@ -185,6 +176,48 @@ def test_portions_say_what_the_whole_says(monkeypatch, rng):
     np.testing.assert_allclose(
         [r.statistic for r in parts[2]], [r.statistic for r in whole[2]], rtol=1e-6, atol=1e-6
     )
+
+
+def test_portions_say_what_the_whole_says(monkeypatch, rng):
+    """Of a large table that is never held whole: statistics, residuals and error budget are those of the dense one."""
+    o, used = uneven(rng)
+    calibration = SelfCalibration((Optics(FRAME, ("focal_length", "k1"), (np.inf, 1.0)),))
+    estimate = calibration(o.select(used), C_EK_TRUE)
+    whole = judged(calibration, o, estimate, used)
+    for name, value in (("LARGE", 50), ("CHUNK", 40)):
+        monkeypatch.setattr(streaming, name, value)
+    parts = judged(calibration, o, estimate, used)
+    assert whole[3].solution is None
+    assert len(list(parts[3].portions())) > 15
+    check_same(parts, whole)
+
+
+@pytest.mark.parametrize("images_go", [True, False])
+def test_repeated_landmarks_are_judged_by_blocks_of_a_sparse_inverse(images_go, monkeypatch, rng):
+    """A chain of images that share landmarks, some seen once, one twice in an image; either side eliminated."""
+    o = observe(truth(FRAME, 14, 12))
+    landmark = np.where(rng.random(o.n) < 0.2, o.landmark, 4 * o.image + rng.integers(9, size=o.n))
+    landmark[0] = landmark[1]
+    p_J = o.p_J.copy()
+    o = measure(replace(o, landmark=landmark), C_EK_TRUE, Errors.draw(o, rng))
+    o = replace(o.with_geometry(p_J=p_J), xy_K=o.xy_K)
+    used = rng.random(o.n) > 0.1
+    used[o.image == 5] = False
+    calibration = SelfCalibration((Optics(FRAME, ("focal_length", "k1"), (np.inf, 1.0)),))
+    estimate = calibration(o.select(used), C_EK_TRUE)
+    whole = judged(calibration, o, estimate, used)
+    for module, name, value in (
+        (adjustment, "LARGE", 0),
+        (arrow, "CHUNK", 7),
+        (elimination, "WINDOW", 100),
+        (covisibility, "LEAST", 1),
+    ):
+        monkeypatch.setattr(module, name, value)
+    cheaper = covisibility._cheaper
+    monkeypatch.setattr(covisibility, "_cheaper", lambda *a: np.full_like(cheaper(*a), images_go))
+    parts = judged(calibration, o, estimate, used)
+    assert len(list(parts[3].portions())) > 5
+    check_same(parts, whole)
 
 
 def test_what_follows_the_estimate_is_bounded_in_memory(rng):

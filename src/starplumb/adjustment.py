@@ -19,10 +19,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .arrow import Shared
+from .arrow import Read, Shared
 from .model import Linearised
 from .observations import Observations
-from .whitening import Design, groups, square_root, sums, whiten
+from .whitening import Design, Roots, groups, square_root, sums, whiten
 
 __all__ = [
     "Adjustment",
@@ -142,8 +142,9 @@ def solve(
     ``x ~ N(prior_step, prior_information^-1)``, shapes (..., k) and (..., k, k).  Where the common
     parameters are not determined their covariance is infinite and their step zero.
     """
-    if is_large(observations, model, A):
-        return _of_large(observations, (model, A), prior_information, prior_step)
+    if model.H.ndim == A.ndim == 3 and is_large(observations):
+        prior = None if prior_information is None or prior_step is None else (prior_information, prior_step)
+        return solve_large(observations, lambda roots, rows: roots.rows(observations, model, A, rows), prior)
     d = whiten(observations, model, A)
     n, k = normal_equations(observations, d), A.shape[-1]
     # landmarks seen repeatedly go next, x is left
@@ -164,34 +165,23 @@ def solve(
     return _with_shared_errors(observations, d, n, (x, information, covariance, chi2), b)
 
 
-def is_large(o: Observations, model: Linearised, A: Array) -> bool:
+def is_large(o: Observations) -> bool:
     """Whether a table is without batch axes and too large for dense matrices."""
-    if o.batch or model.H.ndim > 3 or A.ndim > 3 or o.cov_landmark_J.ndim > 3 or o.cov_attitude_E.ndim > 3:
+    if o.batch or not o.cov_attitude_E.ndim == o.cov_position_J.ndim == o.cov_landmark_J.ndim == 3:
         return False
     return o.n > LARGE or int(np.sum(np.bincount(o.landmark) > 1)) > MANY
 
 
-def _of_large(
-    o: Observations,
-    linear: tuple[Linearised, Array],
-    prior_information: Array | None,
-    prior_step: Array | None,
-) -> Adjustment:
-    """The same with the shared errors eliminated by :mod:`starplumb.arrow`."""
-    k = linear[1].shape[-1]
+def solve_large(o: Observations, read: Read, prior: tuple[Array, Array] | None = None) -> Adjustment:
+    """:func:`solve` of a large table without batch axes, which is read in chunks (:mod:`starplumb.arrow`)."""
     try:
-        shared = Shared.of(o, *linear)
+        shared = Shared.of(o, read)
     except np.linalg.LinAlgError:
-        return _nothing(o, k)
-    information, right = shared.squares[:k, :k], shared.squares[:k, k]
-    chi2, step = 0.0, np.zeros(k)
-    if prior_information is not None and prior_step is not None:
-        information, right = information + prior_information, right - prior_information @ prior_step
-        step = prior_step
-    covariance = invert_information(information)
-    x = -(np.where(np.isfinite(covariance), covariance, 0.0) @ right)
-    if prior_information is not None:
-        chi2 = float((x - step) @ prior_information @ (x - step))
+        return _nothing(o, read(Roots.of(o), slice(0, 1)).P.shape[-1] - 7)
+    x, information, covariance = solve_common(shared.squares, prior)
+    known = 0.0
+    if prior is not None:
+        known = float((x - prior[1]) @ prior[0] @ (x - prior[1]))
     y = np.append(x, 1.0)
     a, b, v = -(shared.C_image @ y), -(shared.C_landmark @ y), shared.left @ y
     roots = shared.table.roots
@@ -205,8 +195,17 @@ def _of_large(
         rho_J=(roots.S_position @ a[:, 3:, None])[..., 0],
         pi_J=pi_J,
         v=v,
-        chi2=np.asarray(chi2 + np.sum(v * v) + np.sum(a * a) + np.sum(b * b)),
+        chi2=np.asarray(known + np.sum(v * v) + np.sum(a * a) + np.sum(b * b)),
     )
+
+
+def solve_common(squares: Array, prior: tuple[Array, Array] | None) -> tuple[Array, Array, Array]:
+    """x (k,), information and covariance (k, k) from the squares (k + 1, k + 1) of [A, z] less all shared errors."""
+    information, right = squares[:-1, :-1], squares[:-1, -1]
+    if prior is not None:
+        information, right = information + prior[0], right - prior[0] @ prior[1]
+    covariance = invert_information(information)
+    return -(np.where(np.isfinite(covariance), covariance, 0.0) @ right), information, covariance
 
 
 def _nothing(o: Observations, k: int) -> Adjustment:

@@ -14,65 +14,53 @@ enters squared).  Sightings are read in chunks; what stays is one 6 x 3 block an
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from itertools import pairwise
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .conjugate import conjugate_gradients
-from .covisibility import Plan, plans
-from .model import Linearised
+from .covisibility import plans
+from .elimination import Elimination, Normal, Woven
 from .observations import Observations
-from .tridiagonal import BlockTridiagonal
-from .whitening import Design, Roots, groups, sums
+from .whitening import Design, Roots, Rows, accumulate, groups
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
+Read = Callable[[Roots, Rows], Design]
+"""The design of rows of a table without batch axes, given the roots of its covariances."""
 
 CHUNK = 16_384
 """Sightings of a chunk."""
-WINDOW = 1 << 19
-"""Doubles of eliminated rows that are spread out at a time."""
-STORED = 1 << 27
-"""Doubles (1 GB) up to which the kept side's matrix is factored..."""
-CUBES, CUBES_PER_PAIR = 5e10, 1e5
-"""...and sum of the cubes of its blocks' widths: in all a few seconds, or a few hundred iterations instead."""
-SPARSE = 0.03
-"""Share of a window's entries below which its rows are multiplied as sparse ones."""
 
 
 @dataclass(frozen=True)
 class Table:
-    """A table without batch axes, its linearisation and design A (n, 2, k), roots of its covariances, and the pairs of
-    an image and a landmark that meet: ``pair`` (n,) of each sighting (-1: none), ``image`` and ``landmark`` (E,)."""
+    """A table, how its rows are read, the number k of its common parameters, the roots of its covariances, and the
+    pairs of an image and a landmark that meet: ``pair`` (n,) of each sighting (-1: none), ``image`` and ``landmark``
+    (E,) of each pair."""
 
     o: Observations
-    model: Linearised
-    A: Array
+    read: Read
+    k: int
     roots: Roots
     pair: Index
     image: Index
     landmark: Index
 
     @classmethod
-    def of(cls, o: Observations, model: Linearised, A: Array) -> Table:
+    def of(cls, o: Observations, read: Read) -> Table:
         roots = Roots.of(o)
         again = np.flatnonzero(roots.place >= 0)
         q = max(1, roots.repeated.size)
         keys, pairs = np.unique(o.image[again] * q + roots.place[again], return_inverse=True)
         pair = np.full(o.n, -1)
         pair[again] = pairs
-        return cls(o, model, A, roots, pair, keys // q, keys % q)
+        k = read(roots, slice(0, 1)).P.shape[-1] - 7
+        return cls(o, read, k, roots, pair, keys // q, keys % q)
 
-    @property
-    def k(self) -> int:
-        return int(self.A.shape[-1])
-
-    def chunks(self) -> Iterator[tuple[slice | Index, Design]]:
-        """Rows of whole images and their design."""
+    def rows(self) -> Iterator[Rows]:
+        """Rows of whole images, chunk by chunk."""
         image = self.o.image
         ordered = bool(np.all(image[:-1] <= image[1:]))
         order = None if ordered else np.argsort(image, kind="stable")
@@ -80,29 +68,20 @@ class Table:
         start = 0
         while start < image.size:
             stop = int(ends[min(int(np.searchsorted(ends, start + CHUNK)), ends.size - 1)])
-            rows = slice(start, stop) if order is None else order[start:stop]
-            yield rows, self.roots.rows(self.o, self.model, self.A, rows)
+            yield slice(start, stop) if order is None else order[start:stop]
             start = stop
 
+    def chunks(self) -> Iterator[tuple[Rows, Design]]:
+        """The same with their design."""
+        return ((rows, self.read(self.roots, rows)) for rows in self.rows())
 
-@dataclass(frozen=True)
-class Normal:
-    """Normal equations of the shared errors: ``II`` (m, 6, 6) and ``LL`` (q, 3, 3), unit prior included, ``IL``
-    (E, 6, 3) of the pairs that meet, right-hand sides ``IF`` (m, 6, k + 1) and ``LF`` (q, 3, k + 1) for [A, z]."""
-
-    II: Array
-    LL: Array
-    IL: Array
-    IF: Array
-    LF: Array
-
-    @classmethod
-    def of(cls, t: Table) -> Normal:
-        m, q, s = t.o.n_images, t.roots.repeated.size, t.k + 1
+    def normal(self) -> Normal:
+        """Normal equations of the shared errors, with [A, z] on the right-hand side."""
+        m, q, s = self.o.n_images, self.roots.repeated.size, self.k + 1
         images, landmarks = np.zeros((m, 6, 6 + s)), np.zeros((q, 3, 3 + s))
-        IL = np.zeros((t.image.size, 6, 3))
-        for rows, d in t.chunks():
-            image = t.o.image[rows]
+        IL = np.zeros((self.image.size, 6, 3))
+        for rows, d in self.chunks():
+            image = self.o.image[rows]
             first = int(image.min())
             for group, sightings in groups(image - first, int(image.max()) - first + 1):
                 of_image = d.P[sightings].reshape(group.size, -1, 6 + s)
@@ -111,143 +90,11 @@ class Normal:
             if again.size:
                 D, P = d.D[again], d.P[again]
                 right = np.concatenate([D, P[..., 6:]], axis=-1)
-                _add(landmarks, D.mT @ right, d.place[again])
-                _add(IL, P[..., :6].mT @ D, t.pair[rows][again])
+                accumulate(landmarks, D.mT @ right, d.place[again])
+                accumulate(IL, P[..., :6].mT @ D, self.pair[rows][again])
         images[..., :6] += np.eye(6)
         landmarks[..., :3] += np.eye(3)
-        return cls(images[..., :6], landmarks[..., :3], IL, images[..., 6:], landmarks[..., 3:])
-
-
-def _add(total: Array, values: Array, index: Index) -> None:
-    """Add values (n, a, b) to total (N, a, b) at index (n,), which may name a place more than once."""
-    present, place = np.unique(index, return_inverse=True)
-    total[present] += sums(values, place, present.size)
-
-
-@dataclass(frozen=True)
-class Elimination:
-    """One side of a part of the graph eliminated: ``root`` (g, e, e) the inverse Cholesky factors of its own blocks,
-    ``M`` (E, e, s) = root times coupling, ``kept`` what solves for the other side."""
-
-    plan: Plan
-    root: Array
-    M: Array
-    kept: BlockTridiagonal | Woven
-
-    @classmethod
-    def of(cls, plan: Plan, n: Normal) -> Elimination:
-        own, other = (n.II, n.LL) if plan.images_go else (n.LL, n.II)
-        root = np.linalg.inv(np.linalg.cholesky(own[plan.gone]))
-        M = np.empty((plan.edges.size, *plan.sizes))
-        for part in _parts(plan.edges.size):
-            W = n.IL[plan.edges[part]]
-            M[part] = root[plan.row[part]] @ (W if plan.images_go else W.mT)
-        if plan.width_squares > STORED or plan.width_cubes > max(CUBES, CUBES_PER_PAIR * plan.edges.size):
-            return cls(plan, root, M, Woven.of(plan, M, other[plan.kept]))
-        return cls(plan, root, M, BlockTridiagonal.factor(*_reduced(plan, M, other[plan.kept])))
-
-    def solve(self, n: Normal) -> tuple[Array, Array]:
-        """C of the nodes that are gone (g, e, k + 1) and of those kept (h, s, k + 1)."""
-        p, (e, s), width = self.plan, self.plan.sizes, n.IF.shape[-1]
-        gone, kept = (n.IF, n.LF) if p.images_go else (n.LF, n.IF)
-        right = (self.root @ gone[p.gone]).reshape(e * p.gone.size, width)
-        taken = _transposed(p, self.M, right.reshape(p.gone.size, e, width))
-        C_kept = self.kept.solve((kept[p.kept] - taken).reshape(s * p.kept.size, width))
-        right -= _sparse(p, self.M, slice(0, p.gone.size)) @ C_kept
-        return self.root.mT @ right.reshape(p.gone.size, e, width), C_kept.reshape(p.kept.size, s, width)
-
-
-@dataclass(frozen=True)
-class Woven:
-    """What is left of the kept side where all of it hangs together too closely to be factored: ``own`` (h, s, s) blocks
-    and the eliminated rows M, taken for what they are; conjugate gradients with the diagonal blocks' inverse."""
-
-    own: Array
-    M: Any
-    M_transposed: Any
-    inverse: Array
-
-    @classmethod
-    def of(cls, plan: Plan, M: Array, own: Array) -> Woven:
-        rows = _sparse(plan, M, slice(0, plan.gone.size))
-        left = own.copy()
-        for part in _parts(plan.edges.size):
-            _add(left, -(M[part].mT @ M[part]), plan.column[part])
-        return cls(own, rows, rows.T, np.asarray(np.linalg.inv(left), dtype=np.float64))
-
-    def solve(self, right: Array) -> Array:
-        def blocks(B: Array, y: Array) -> Array:
-            return np.asarray((B @ y.reshape(*B.shape[:2], -1)).reshape(y.shape))
-
-        return conjugate_gradients(
-            lambda y: blocks(self.own, y) - self.M_transposed @ (self.M @ y),
-            lambda r: blocks(self.inverse, r),
-            right,
-        )
-
-
-def _parts(count: int) -> Iterator[slice]:
-    return (slice(at, min(at + CHUNK, count)) for at in range(0, count, CHUNK))
-
-
-def _transposed(plan: Plan, M: Array, right: Array) -> Array:
-    """M^T right, (h, s, c), of right (g, e, c)."""
-    total = np.zeros((plan.kept.size, plan.sizes[1], right.shape[-1]))
-    for part in _parts(plan.edges.size):
-        _add(total, M[part].mT @ right[plan.row[part]], plan.column[part])
-    return total
-
-
-def _sparse(plan: Plan, M: Array, gone: slice, first: int = 0, last: int | None = None) -> Any:
-    """Rows of M of some nodes, columns from kept node ``first`` to ``last``, as a sparse matrix of blocks."""
-    from scipy.sparse import bsr_array
-
-    (e, s), last = plan.sizes, plan.kept.size if last is None else last
-    begin = np.searchsorted(plan.row, np.arange(gone.start, gone.stop + 1))
-    part = slice(int(begin[0]), int(begin[-1]))
-    shape = (e * (gone.stop - gone.start), s * (last - first))
-    return bsr_array((M[part], plan.column[part] - first, begin - begin[0]), shape=shape)
-
-
-def _reduced(plan: Plan, M: Array, own: Array) -> tuple[list[Array], list[Array]]:
-    """What the elimination leaves of the kept side's matrix, own blocks (h, s, s): its blocks, and those below them."""
-    s, diagonal, below = plan.sizes[1], [], []
-    for first, last in pairwise(plan.blocks.tolist()):
-        block = np.zeros((last - first, s, last - first, s))
-        block[np.arange(last - first), :, np.arange(last - first), :] = own[first:last]
-        diagonal.append(block.reshape(s * (last - first), -1))
-    for D, E in pairwise(diagonal):
-        below.append(np.zeros((E.shape[0], D.shape[0])))
-    starts = np.searchsorted(plan.window, np.arange(len(diagonal) + 1))
-    for k, (begin, end) in enumerate(pairwise(starts.tolist())):
-        if begin == end:
-            continue
-        first, last = int(plan.blocks[k]), int(plan.blocks[min(k + 2, len(diagonal))])
-        S, w = _squares(plan, M, slice(begin, end), (first, last)), diagonal[k].shape[0]
-        diagonal[k] -= S[:w, :w]
-        if k < len(below):
-            below[k] -= S[w:, :w]
-            diagonal[k + 1] -= S[w:, w:]
-    return diagonal, below
-
-
-def _squares(plan: Plan, M: Array, gone: slice, kept: tuple[int, int]) -> Array:
-    """M^T M over some eliminated nodes, all of whose neighbours lie in a range of the kept ones."""
-    (e, s), (first, last) = plan.sizes, kept
-    begin = np.searchsorted(plan.row, np.arange(gone.start, gone.stop + 1))
-    if begin[-1] - begin[0] < SPARSE * (gone.stop - gone.start) * (last - first):
-        rows = _sparse(plan, M, gone, first, last).tocsr()
-        return np.asarray((rows.T @ rows).toarray())
-    total = np.zeros((s * (last - first), s * (last - first)))
-    size = max(1, WINDOW // (e * s * (last - first)))
-    for at in range(0, gone.stop - gone.start, size):
-        count = min(size, gone.stop - gone.start - at)
-        part = slice(int(begin[at]), int(begin[at + count]))
-        rows = np.zeros((count, last - first, e, s))
-        rows[plan.row[part] - gone.start - at, plan.column[part] - first] = M[part]
-        flat = rows.transpose(0, 2, 1, 3).reshape(count * e, -1)
-        total += flat.T @ flat
-    return total
+        return Normal(images[..., :6], landmarks[..., :3], IL, images[..., 6:], landmarks[..., 3:])
 
 
 @dataclass(frozen=True)
@@ -264,10 +111,10 @@ class Shared:
     squares: Array
 
     @classmethod
-    def of(cls, o: Observations, model: Linearised, A: Array) -> Shared:
+    def of(cls, o: Observations, read: Read) -> Shared:
         """Raises LinAlgError where the numbers are not finite, or their solution does not converge."""
-        t = Table.of(o, model, A)
-        n = Normal.of(t)
+        t = Table.of(o, read)
+        n = t.normal()
         C_image, C_landmark = np.zeros_like(n.IF), np.zeros_like(n.LF)
         parts = []
         for plan in plans(t.image, t.landmark, o.n_images, t.roots.repeated.size):
@@ -280,13 +127,36 @@ class Shared:
         left = np.empty((o.n, 2, t.k + 1))
         squares = _square(C_image) + _square(C_landmark)
         for rows, d in t.chunks():
-            R = d.P[..., 6:] - d.P[..., :6] @ C_image[o.image[rows]]
-            again = np.flatnonzero(d.place >= 0)
-            if again.size:
-                R[again] -= d.D[again] @ C_landmark[d.place[again]]
+            R = left_over(d, C_image[o.image[rows]], C_landmark)
             left[rows] = R
             squares += _square(R)
         return cls(t, parts, C_image, C_landmark, left, squares)
+
+    @property
+    def factored(self) -> bool:
+        """Whether the inverse can be had: no part is too closely woven."""
+        return not any(isinstance(part.kept, Woven) for part in self.parts)
+
+    def cofactors(self) -> Normal:
+        """The blocks of the shared errors' inverse normal equations where these have any (and no right-hand side)."""
+        t = self.table
+        m, q, E = t.o.n_images, t.roots.repeated.size, t.image.size
+        II = np.tile(np.eye(6), (m, 1, 1))
+        none = np.zeros((0, 6, 0)), np.zeros((0, 3, 0))
+        z = Normal(II, np.zeros((q, 3, 3)), np.zeros((E, 6, 3)), *none)
+        for part in self.parts:
+            part.cofactors(z)
+        return z
+
+
+def left_over(d: Design, C_image: Array, C_landmark: Array) -> Array:
+    """[A, z] (n, 2, k + 1) of a design less the shared errors: C (n, 6, k + 1) of each sighting's image, and C
+    (q, 3, k + 1) of landmarks."""
+    R = d.P[..., 6:] - d.P[..., :6] @ C_image
+    again = np.flatnonzero(d.place >= 0)
+    if again.size:
+        R[again] -= d.D[again] @ C_landmark[d.place[again]]
+    return np.asarray(R)
 
 
 def _square(rows: Array) -> Array:

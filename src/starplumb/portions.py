@@ -13,6 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from .adjustment import solve_common
+from .arrow import Read, Shared, left_over
+from .elimination import Normal
 from .model import Linearised
 from .observations import Observations
 from .reliability import Reliability
@@ -152,6 +155,69 @@ def single(o: Observations, linear: Linear, solution: Sum) -> Iterator[Portion]:
     for block in read(o, linear):
         tested = Images.of(block.squares, solution.x).tested(block.table, block.design, solution)
         yield Portion(block.rows, block.images, none, block.table, block.model, tested)
+
+
+def reader(o: Observations, linear: Linear) -> Read:
+    """Reads rows of a table for :func:`starplumb.adjustment.solve_large`."""
+
+    def read(roots: Roots, rows: Rows) -> Design:
+        return replace(roots, place=roots.place[rows]).rows(*linear(part(o, rows)))
+
+    return read
+
+
+def repeated(o: Observations, linear: Linear, prior: tuple[Array, Array]) -> Iterator[Portion]:
+    """Portions of a large table whose landmarks are seen again and again; the first one speaks of all landmarks.
+
+    Nothing where the common parameters are not determined, or where images and landmarks are woven too closely for the
+    cofactors to be had.
+    """
+    shared = Shared.of(o, reader(o, linear))
+    x, _, Q = solve_common(shared.squares, prior)
+    if not (shared.factored and np.all(np.isfinite(Q))):
+        return
+    z, y, roots = shared.cofactors(), np.append(x, 1.0), shared.table.roots
+    C_image, C_landmark = shared.C_image[..., :-1], shared.C_landmark[..., :-1]
+    landmarks, b = roots.repeated, -(shared.C_landmark @ y)
+    of_landmarks = z.LL + C_landmark @ Q @ C_landmark.mT
+    for rows in shared.table.rows():
+        table, model, A = linear(part(o, rows))
+        d = replace(roots, place=roots.place[rows]).rows(replace(table, weight=np.ones(table.n)), model, A)
+        left = left_over(d, shared.C_image[table.image], shared.C_landmark)
+        spread, images = left[..., :-1] @ Q, np.unique(table.image)
+        C = C_image[images]
+        yield Portion(
+            rows,
+            images,
+            landmarks,
+            table,
+            model,
+            Reliability(
+                used=table.weight > 0.0,
+                v=left @ y,
+                hat=left[..., :-1] @ spread.mT + _by_shared(d, z, table.image, shared.table.pair[rows]),
+                per_px=d.W,
+                effect=-spread.mT,
+                image_error=-(shared.C_image[images] @ y),
+                image_cofactor=z.II[images] + C @ Q @ C.mT,
+                landmark_error=b,
+                landmark_cofactor=of_landmarks,
+                repeated=landmarks,
+            ),
+        )
+        landmarks, b, of_landmarks = landmarks[:0], b[:0], of_landmarks[:0]
+
+
+def _by_shared(d: Design, z: Normal, image: Index, pair: Index) -> Array:
+    """Covariance (n, 2, 2) of a row's [G, D] times the shared errors, x known."""
+    G = d.P[..., :6]
+    V = G @ z.II[image] @ G.mT
+    again = np.flatnonzero(pair >= 0)
+    if again.size:
+        D = d.D[again]
+        cross = G[again] @ z.IL[pair[again]] @ D.mT
+        V[again] += cross + cross.mT + D @ z.LL[d.place[again]] @ D.mT
+    return np.asarray(V)
 
 
 def _squares(o: Observations, d: Design, images: int) -> Array:

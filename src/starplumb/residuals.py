@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .adjustment import solve
+from .adjustment import Adjustment, is_large, solve, solve_large
 from .earth import C_JT, itrf_to_geodetic
 from .estimators.fit import Fit
 from .geometry import ground_points
 from .model import Linearised, residual_px
 from .observations import Observations
-from .portions import Images, read
+from .portions import Images, Linear, read, reader
 from .streaming import CHUNK, Rows, part, streams
 
 Array = NDArray[np.float64]
@@ -119,12 +119,7 @@ def residuals(fit: Fit, used: Mask) -> Residuals:
 def _in_blocks(fit: Fit, found: Residuals) -> Iterator[_Part]:
     """Images whose landmarks are seen once: each says its own errors."""
     o = fit.table
-
-    def at_the_mounting(part: Observations) -> tuple[Observations, Linearised, Array]:
-        table, model, A = fit.linear(part)
-        return table, model, A[..., :0]
-
-    for block in read(o, at_the_mounting):
+    for block in read(o, _at_the_mounting(fit)):
         a, d = Images.of(block.squares, np.zeros(0)).a, block.design
         found.alpha_E[block.images] = (d.S_attitude[block.images] @ a[:, :3, None])[..., 0]
         found.rho_J[block.images] = (d.S_position[block.images] @ a[:, 3:, None])[..., 0]
@@ -133,16 +128,30 @@ def _in_blocks(fit: Fit, found: Residuals) -> Iterator[_Part]:
         yield _Part(block.rows, measured, block.table, block.model, *errors)
 
 
+def _at_the_mounting(fit: Fit) -> Linear:
+    """Linear problems of parts of a table in which the mounting and the parameters stand as they are."""
+
+    def linear(part: Observations) -> tuple[Observations, Linearised, Array]:
+        table, model, A = fit.linear(part)
+        return table, model, A[..., :0]
+
+    return linear
+
+
+def _shared_errors(fit: Fit, o: Observations) -> Adjustment:
+    """The errors of images and landmarks of a table, whole or in chunks."""
+    linear = _at_the_mounting(fit)
+    return solve_large(o, reader(o, linear)) if is_large(o) else solve(*linear(o))
+
+
 def _in_rows(fit: Fit, found: Residuals) -> Iterator[_Part]:
     """Any table: the errors of images and landmarks are solved for together."""
     o = fit.table
-    chosen, model, A = fit.linear(o.select(found.used))
-    shared = solve(chosen, model, A[..., :0])
+    shared = _shared_errors(fit, o if np.all(found.used) else o.select(found.used))
     for whole, solved in zip(
         (found.alpha_E, found.rho_J, found.pi_J), (shared.alpha_E, shared.rho_J, shared.pi_J), strict=True
     ):
         whole[...] = solved
-    del chosen, model, A
     for start in range(0, o.n, CHUNK):
         rows = slice(start, min(start + CHUNK, o.n))
         measured = part(o, rows)

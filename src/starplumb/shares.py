@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from .observations import Observations
 from .portions import Portion
-from .whitening import sums
+from .whitening import accumulate
 
 if TYPE_CHECKING:
     from .calibration import Calibration
@@ -59,10 +59,10 @@ class Spread:
         model, used = portion.model, portion.tested.used[:, None, None]
         K, whitened = np.where(used, gain, 0.0), np.where(used, portion.tested.influence[:, :3], 0.0)
         by_place, image = K @ model.R, self.table.image[portion.rows]
-        _add(self.attitude, K @ model.H, image)
-        _add(self.position, by_place, image)
+        accumulate(self.attitude, K @ model.H, image)
+        accumulate(self.position, by_place, image)
         if self.landmark.size:
-            _add(self.landmark, by_place, self.table.landmark[portion.rows])
+            accumulate(self.landmark, by_place, self.table.landmark[portion.rows])
         self.noise[...] += _square(K * portion.table.sigma_px[:, None, None])
         self.own[...] += _square(whitened)
 
@@ -97,12 +97,6 @@ def _has_prior(c: Calibration) -> bool:
     parameters = c.estimate.parameters
     told = parameters is not None and bool(np.any(np.isfinite(parameters.prior_sigma)))
     return c.campaign.sigma_mounting is not None or told
-
-
-def _add(total: Array, slope: Array, member: NDArray[np.int64]) -> None:
-    """Add slopes (n, 3, 3) of sightings to those of their members."""
-    present, place = np.unique(member, return_inverse=True)
-    total[present] += sums(slope, place, present.size)
 
 
 def _square(rows: Array) -> Array:

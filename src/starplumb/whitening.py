@@ -135,6 +135,12 @@ def sums(values: Array, index: Index, count: int) -> Array:
     return total
 
 
+def accumulate(total: Array, values: Array, index: Index) -> None:
+    """Add values (n, a, b) to total (N, a, b) at index (n,), which may name a place more than once."""
+    present, place = np.unique(index, return_inverse=True)
+    total[present] += sums(values, place, present.size)
+
+
 def groups(image: Index, count: int) -> Iterator[tuple[Index, Index]]:
     """Images (g,) with equally many sightings, and those sightings (g, M)."""
     order = np.argsort(image, kind="stable")

@@ -9,9 +9,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from ..adjustment import is_large, solve_large
 from ..model import Linearised
 from ..observations import Observations
-from ..portions import Portion, Tested, single
+from ..portions import Portion, Tested, reader, repeated, single
 from ..reliability import reliability
 from ..streaming import Stream, Sum, blocks, part, streams
 from .selfcal import Problem, SelfCalibration, State
@@ -48,14 +49,21 @@ class Fit:
         """The step that is left for the common parameters of a table taken in portions, None for any other."""
         if not streams(self.table):
             return None
-        little = part(self.table, slice(0, 1))  # the prior is that of any part
         stream = Stream.of(self.table, self.calibration.parameters, self.calibration.compiled)
-        return stream.step(self.state.C_EK, self.state.values, self.problem(little).prior)
+        return stream.step(self.state.C_EK, self.state.values, self.prior)
+
+    @property
+    def prior(self) -> tuple[Array, Array]:
+        """Information and step of the prior on all common parameters."""
+        return self.problem(part(self.table, slice(0, 1))).prior  # it is that of any part
 
     def step(self) -> Array:
         """The Gauss-Newton step (k,) of the common parameters."""
-        solution = self.solution
-        return self.whole.solve().x if solution is None else solution.x
+        if self.solution is not None:
+            return self.solution.x
+        if is_large(self.table):
+            return solve_large(self.table, reader(self.table, self.linear), self.prior).x
+        return self.whole.solve().x
 
     def parts(self) -> Iterator[tuple[Index, tuple[Observations, Linearised, Array]]]:
         """Rows of whole images, and the table, linearisation and design of each."""
@@ -68,6 +76,9 @@ class Fit:
         if self.solution is not None:
             if np.all(np.isfinite(self.solution.covariance)):
                 yield from single(self.table, self.linear, self.solution)
+            return
+        if is_large(self.table):
+            yield from repeated(self.table, self.linear, self.prior)
             return
         p = self.whole
         tested = reliability(p.observations, p.model, p.A, p.prior)
