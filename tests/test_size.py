@@ -161,6 +161,19 @@ def test_a_large_estimate_is_the_small_one(monkeypatch, rng):
     assert chunked.degrees_of_freedom == whole.degrees_of_freedom
 
 
+def test_large_generalised_least_squares_is_the_small_one(monkeypatch, rng):
+    """With a prior on the mounting and errors in common beside it."""
+    o = replace(uneven(rng), prior_E=np.eye(3) * (20.0 * ARCSEC) ** 2)
+    o = replace(o, common_px=rng.standard_normal((o.n, 2, 2)))
+    whole = Gls()(o, C_EK_TRUE)
+    for name, value in (("LARGE", 50), ("CHUNK", 40)):
+        monkeypatch.setattr(streaming, name, value)
+    chunked = Gls()(o, C_EK_TRUE)
+    assert np.abs(so3.log(chunked.C_EK @ whole.C_EK.mT) / whole.sigma_E).max() < 1e-7
+    np.testing.assert_allclose(chunked.covariance_E, whole.covariance_E, rtol=1e-9, atol=1e-24)
+    assert chunked.chi2 == pytest.approx(float(whole.chi2), rel=1e-9)
+
+
 def test_repeated_landmarks_are_not_taken_in_chunks(small_limits):
     o = observe(truth(FRAME, 10, 9, shared_site=True))
     assert not streaming.streams(o)

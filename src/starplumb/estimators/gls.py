@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from .. import so3
 from ..adjustment import Adjustment, solve
-from ..model import Linearised, in_front, linearise
+from ..model import in_front, linearise
 from ..observations import Observations
+from ..streaming import Stream, Sum, streams
 from ..units import DEG
 from .protocol import AlignmentEstimate, Status
 from .wahba import Wahba
@@ -64,7 +65,7 @@ class Gls:
         self,
         observations: Observations,
         C: Array,
-        final: Adjustment,
+        final: Adjustment | Sum,
         converged: NDArray[np.bool_],
         iterations: NDArray[np.int64],
     ) -> AlignmentEstimate:
@@ -78,13 +79,21 @@ class Gls:
         return AlignmentEstimate(C, final.covariance, status, iterations, final.chi2, dof)
 
 
-def adjust(observations: Observations, C_EK: Array, C_EK_model: Array) -> Adjustment:
-    """The linear step at C_EK, with the prior about the model mounting where there is one."""
-    model = linearise(observations, C_EK)
-    prior = mounting_prior(observations, C_EK, C_EK_model)
-    if observations.common_px is not None:
-        return _beside_common_errors(observations.common_px, observations, model, prior)
-    return solve(observations, model, model.H, *(prior or ()))
+def adjust(observations: Observations, C_EK: Array, C_EK_model: Array) -> Adjustment | Sum:
+    """The linear step at C_EK, with the prior about the model mounting if there is one; of a large table in chunks."""
+    o = observations
+    prior = mounting_prior(o, C_EK, C_EK_model)
+    if streams(o):
+        full: Adjustment | Sum = Stream.of(o, (), compiled=False).step(
+            C_EK, np.zeros(0), _beside(o, C_EK, prior)
+        )
+        return full if o.common_px is None else _without_common_errors(full)
+    model = linearise(o, C_EK)
+    if o.common_px is None:
+        return solve(o, model, model.H, *(prior or ()))
+    batch = np.broadcast_shapes(model.H.shape[:-3], o.common_px.shape[:-3])
+    A = np.concatenate([np.broadcast_to(a, (*batch, *a.shape[-3:])) for a in (model.H, o.common_px)], axis=-1)
+    return _without_common_errors(solve(o, model, A, *_beside(o, C_EK, prior)))
 
 
 def mounting_prior(observations: Observations, C_EK: Array, C_EK_model: Array) -> tuple[Array, Array] | None:
@@ -99,18 +108,24 @@ def mounting_prior(observations: Observations, C_EK: Array, C_EK_model: Array) -
     return J_inverse.mT @ np.linalg.inv(observations.prior_E) @ J_inverse, -c  # J c = c
 
 
-def _beside_common_errors(
-    common_px: Array, observations: Observations, model: Linearised, prior: tuple[Array, Array] | None
-) -> Adjustment:
-    """The step with the errors that many sightings have in common (unit prior) as unknowns beside the alignment."""
-    batch = np.broadcast_shapes(model.H.shape[:-3], common_px.shape[:-3])
-    p = common_px.shape[-1]
-    A = np.concatenate([np.broadcast_to(a, (*batch, *a.shape[-3:])) for a in (model.H, common_px)], axis=-1)
+def _beside(o: Observations, C_EK: Array, prior: tuple[Array, Array] | None) -> tuple[Array, Array]:
+    """Information and step of the prior on the alignment and on the errors that many sightings have in common (unit
+    prior)."""
+    p = 0 if o.common_px is None else o.common_px.shape[-1]
+    batch = (
+        C_EK.shape[:-2]
+        if o.common_px is None
+        else np.broadcast_shapes(C_EK.shape[:-2], o.common_px.shape[:-3])
+    )
     information, step = np.zeros((*batch, 3 + p, 3 + p)), np.zeros((*batch, 3 + p))
     information[..., 3:, 3:] = np.eye(p)
     if prior is not None:
         information[..., :3, :3], step[..., :3] = prior
-    full = solve(observations, model, A, information, step)
+    return information, step
+
+
+def _without_common_errors(full: Adjustment | Sum) -> Adjustment | Sum:
+    """The alignment of a solution that has unknowns beside it."""
     N = full.information
     own = N[..., :3, :3] - N[..., :3, 3:] @ np.linalg.solve(N[..., 3:, 3:], N[..., 3:, :3])
     return replace(full, x=full.x[..., :3], information=own, covariance=full.covariance[..., :3, :3])
