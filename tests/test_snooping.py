@@ -13,6 +13,7 @@ from scipy.stats import chi2 as chi2_distribution
 from problems import C_EK_TRUE, FRAME, LINE, truth
 from starplumb import adjustment, arrow, covisibility, elimination, so3, streaming
 from starplumb.adjustment import solve
+from starplumb.calibration import calibrate
 from starplumb.estimators.gls import Gls
 from starplumb.estimators.protocol import Verdict
 from starplumb.estimators.robust import Robust
@@ -233,6 +234,21 @@ def test_what_follows_the_estimate_is_bounded_in_memory(rng):
     assert found[0] is not None
     assert written < 25 * 8 * o.n
     assert peak - written < 20e6
+
+
+def test_what_is_too_closely_woven_to_be_tested_is_said_to_be(monkeypatch):
+    """The estimate stands; its sightings have no statistics, and the calibration says why."""
+    campaign = truth(FRAME, 6, 9, shared_site=True)
+    whole = calibrate(campaign, SelfCalibration())
+    assert whole.snooping is not None
+    assert not any("woven" in sentence for sentence in whole.sentences)
+    monkeypatch.setattr(adjustment, "LARGE", 0)
+    monkeypatch.setattr(elimination, "STORED", 0)
+    for estimator in (SelfCalibration(), Robust()):
+        found = calibrate(campaign, estimator)
+        assert found.snooping is None
+        assert any("woven" in sentence for sentence in found.sentences)
+        np.testing.assert_allclose(found.estimate.covariance_E, whole.estimate.covariance_E, rtol=1e-7)
 
 
 def test_every_rejection_says_why(rng):

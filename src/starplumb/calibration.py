@@ -22,6 +22,11 @@ from .snooping import Rejection, Snooping, calibration_of, fit_at, rejections, s
 
 Array = NDArray[np.float64]
 
+UNTESTED = (
+    "sightings, images and landmarks are not tested one by one: they are too many, and too closely woven together, "
+    "for their residuals' covariances to be had"
+)
+
 
 @dataclass(frozen=True)
 class Calibration:
@@ -90,6 +95,8 @@ def calibrate(campaign: Campaign, estimator: Estimator) -> Calibration:
     traded = tuple(combinations(observations, estimate))
     status, sentences = _separated(status, sentences, traded)
     told = [] if estimate.parameters is None else unimproved(estimate.parameters)
+    if calibration and usable and snooping is None:
+        told = [*told, UNTESTED]
     sentences = (*sentences, *told, *estimate.remarks)
     return Calibration(
         campaign=campaign,

@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import so3
-from ..adjustment import Adjustment, solve
+from ..adjustment import Adjustment, is_large, solve, solve_large
 from ..model import Linearised, linearise
 from ..observations import Observations
 from ..parameters import Parameter
+from ..portions import reader
 from ..streaming import Stream, Sum, sample, sampled, streams
 from .gls import SINGULAR_SIGMA, mounting_prior
 from .protocol import AlignmentEstimate, ParameterVector, Status
@@ -157,10 +158,21 @@ class SelfCalibration:
 
     def _stepper(self, o: Observations, C_EK_model: Array) -> Callable[[State], Adjustment | Sum]:
         """The linear step at a state; of a large table in chunks."""
+        if is_large(o) and not streams(o):
+            return lambda state: self._large_step(o, state, C_EK_model)
         if not streams(o):
             return lambda state: self.problem(o, state, C_EK_model).solve()
         stream = Stream.of(o, self.parameters, self.compiled)
         return lambda state: stream.step(state.C_EK, state.values, self._prior(o, state, C_EK_model))
+
+    def _large_step(self, o: Observations, state: State, C_EK_model: Array) -> Adjustment:
+        """The linear step of a large table of landmarks seen again and again."""
+
+        def linear(part: Observations) -> tuple[Observations, Linearised, Array]:
+            problem = self.problem(part, state, C_EK_model)
+            return problem.observations, problem.model, problem.A
+
+        return solve_large(o, reader(o, linear), self._prior(o, state, C_EK_model))
 
     def _report(
         self,
