@@ -94,7 +94,7 @@ def intersect_ellipsoid(r_J: npt.ArrayLike, u_J: npt.ArrayLike, height: npt.Arra
         s = np.where(hit, outside / (np.sqrt(discriminant) - pd), np.nan)
         point = r + s[..., None] * u
         normal = point * scale**2
-        normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
+        normal /= np.sqrt(np.vecdot(normal, normal))[..., None]
         s += (h - _height(point, normal)) / np.vecdot(normal, u)
     meeting: Float = r + s[..., None] * u
     return meeting
@@ -106,5 +106,6 @@ def _height(r_J: npt.ArrayLike, normal: Float) -> Float:
     ``h = n . r - |A n|``, the distance to the tangent plane. It is stationary in n, so that an error of
     1e-8 rad of n (the normal of the ellipsoid a + h, b + h) costs a nanometre.
     """
-    height: Float = np.vecdot(normal, r_J) - np.linalg.norm(_SEMI_AXES * normal, axis=-1)
+    stretched = _SEMI_AXES * normal
+    height: Float = np.vecdot(normal, r_J) - np.sqrt(np.vecdot(stretched, stretched))
     return height

@@ -136,7 +136,7 @@ def ground_points(
     for _ in range(2):
         seen, _ = apparent_direction(p_J, r_J, v_J, corrections)
         u_J = u_J + e_J - seen
-        u_J = u_J / np.linalg.norm(u_J, axis=-1, keepdims=True)
+        u_J = u_J / np.sqrt(np.vecdot(u_J, u_J))[..., None]
         p_J = intersect_ellipsoid(r_J, u_J, height)
     return p_J
 
