@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import json
+import sys
 import tracemalloc
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from hypothesis import strategies as st
 
 from starplumb.errors import InputError
 from starplumb.io.files import fingerprint, nearest, read_text, show
+from starplumb.io.lookup import WORTHWHILE, by_arrow, by_dictionary, places
 from starplumb.io.tables import read_table
 from starplumb.io.write import csv_pieces, csv_text, json_text, publish, write_text
 
@@ -183,6 +185,26 @@ def test_csv_text_reads_back(tmp_path: Path) -> None:
     assert read.numbers["value"].tolist() == values
     with pytest.raises(ValueError, match="the column b has 0 rows, wanted 1"):
         csv_text(["a", "b"], [[1.0], []])
+
+
+NAMES = st.text(st.sampled_from("ab \u00e9\U0001f6f0"), max_size=3)
+
+
+@given(known=st.lists(NAMES, unique=True), names=st.lists(NAMES))
+def test_names_are_found_alike_by_either_table(known: list[str], names: list[str]) -> None:
+    expected = [known.index(name) if name in known else -1 for name in names]
+    assert by_dictionary(names, tuple(known)).tolist() == expected
+    pytest.importorskip("pyarrow", reason="pyarrow is not installed")
+    assert by_arrow(names, tuple(known)).tolist() == expected
+
+
+def test_many_names_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    known = [f"n{i}" for i in range(WORTHWHILE)]
+    names = [*known[::-7], "n", "n-1"]
+    expected = [*range(WORTHWHILE - 1, -1, -7), -1, -1]
+    assert places(names, known).tolist() == expected
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    assert places(names, known).tolist() == expected
 
 
 @given(st.lists(st.floats(), min_size=1))

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import repeat
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +17,7 @@ from starplumb.units import DEG
 
 from .files import nearest, show
 from .heights import Ground
+from .lookup import places
 from .tables import Array, Table, read_table
 
 Index = NDArray[np.int64]
@@ -196,9 +196,8 @@ def _one_of(table: Table, a: tuple[str, ...], b: tuple[str, ...]) -> tuple[str, 
 
 def _lookup(table: Table, column: str, known: Sequence[str], what: str) -> Index:
     """Index of each id among the known ones. Raises InputError about the first that is not."""
-    place: Mapping[str, int] = dict(zip(known, range(len(known)), strict=True))
     ids = table.texts[column]
-    index = np.fromiter(map(place.get, ids, repeat(-1)), dtype=np.int64, count=len(ids))
+    index = places(ids, known)
     if (index < 0).any():
         row = int(np.argmax(index < 0))
         near = nearest(ids[row], known)
