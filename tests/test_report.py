@@ -373,17 +373,17 @@ def test_of_very_many_images_and_landmarks_the_worst_are_listed(campaign, monkey
     provenance = {"corrections": {}, "notices": [], "earth_orientation": None}
     full = result_document(done, "gls", names, {}, provenance)
     assert "not_listed" not in full
-    monkeypatch.setattr("starplumb.io.result.LISTED_AT_MOST", 3)
-    monkeypatch.setattr("starplumb.report.calibration_tables.IMAGES_AT_MOST", 2)
-    monkeypatch.setattr("starplumb.report.calibration_tables.LISTED_AT_MOST", 2)
+    monkeypatch.setattr("starplumb.io.result.LISTED_AT_MOST", 2)
+    monkeypatch.setattr("starplumb.report.calibration_tables.IMAGES_AT_MOST", 1)
+    monkeypatch.setattr("starplumb.report.calibration_tables.LISTED_AT_MOST", 1)
     short = result_document(done, "gls", names, {}, provenance)
     for kind, key in (("images", "rms_px"), ("landmarks", "rms_own_px")):
-        worst = sorted(full[kind], key=lambda row: -row[key])[:3]
+        worst = sorted(full[kind], key=lambda row: -row[key])[:2]
         assert short[kind] == [row for row in full[kind] if row in worst]
-        assert short["not_listed"][kind] == len(full[kind]) - 3
+        assert short["not_listed"][kind] == len(full[kind]) - 2
     text = " ".join("".join(Seen(calibration_page(done, short)).text).split())
-    assert f"The worst first; {len(full['images']) - 2} more are left out here." in text
-    assert f"The worst first; {len(full['landmarks']) - 2} more are in residuals.csv." in text
+    assert f"The worst first; {len(full['images']) - 1} more are left out here." in text
+    assert f"The worst first; {len(full['landmarks']) - 1} more are in residuals.csv." in text
 
 
 def test_of_very_many_rejections_the_largest_are_shown(campaign):
