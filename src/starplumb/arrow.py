@@ -111,15 +111,18 @@ class Shared:
     squares: Array
 
     @classmethod
-    def of(cls, o: Observations, read: Read) -> Shared:
-        """Raises LinAlgError where the numbers are not finite, or their solution does not converge."""
+    def of(cls, o: Observations, read: Read, patience: float = 1.0) -> Shared:
+        """``patience`` is how much longer than iterations a factor may take, for :meth:`cofactors` need one.
+
+        Raises LinAlgError where the numbers are not finite, or their solution does not converge.
+        """
         t = Table.of(o, read)
         n = t.normal()
         C_image, C_landmark = np.zeros_like(n.IF), np.zeros_like(n.LF)
         parts = []
         for plan in plans(t.image, t.landmark, o.n_images, t.roots.repeated.size):
             if plan.gone.size or plan.kept.size:
-                part = Elimination.of(plan, n)
+                part = Elimination.of(plan, n, patience)
                 gone, kept = (C_image, C_landmark) if plan.images_go else (C_landmark, C_image)
                 gone[plan.gone], kept[plan.kept] = part.solve(n)
                 parts.append(part)

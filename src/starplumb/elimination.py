@@ -54,14 +54,16 @@ class Elimination:
     kept: BlockTridiagonal | Woven
 
     @classmethod
-    def of(cls, plan: Plan, n: Normal) -> Elimination:
+    def of(cls, plan: Plan, n: Normal, patience: float) -> Elimination:
+        """Factored where that costs no more than ``patience`` times what a few hundred iterations would."""
         own, other = (n.II, n.LL) if plan.images_go else (n.LL, n.II)
         root = np.linalg.inv(np.linalg.cholesky(own[plan.gone]))
         M = np.empty((plan.edges.size, *plan.sizes))
         for part in _parts(plan.edges.size):
             W = n.IL[plan.edges[part]]
             M[part] = root[plan.row[part]] @ (W if plan.images_go else W.mT)
-        if plan.width_squares > STORED or plan.width_cubes > max(CUBES, CUBES_PER_PAIR * plan.edges.size):
+        most = patience * max(CUBES, CUBES_PER_PAIR * plan.edges.size)
+        if plan.width_squares > STORED or plan.width_cubes > most:
             return cls(plan, root, M, Woven.of(plan, M, other[plan.kept]))
         return cls(plan, root, M, BlockTridiagonal.factor(*_reduced(plan, M, other[plan.kept])))
 
@@ -82,7 +84,7 @@ class Elimination:
             nodes = np.arange(last - first)
             blocks = diagonal[k].reshape(last - first, s, last - first, s)
             other[p.kept[first:last]] = blocks[nodes, :, nodes, :]
-            Z = diagonal[k]
+            Z = np.ascontiguousarray(diagonal[k])
             if k < len(above):
                 Z = np.block([[Z, above[k]], [above[k].T, diagonal[k + 1]]])
             for gone, edges, rows in _spread(p, self.M, slice(begin, end), (first, first + Z.shape[0] // s)):
@@ -186,7 +188,11 @@ def _squares(plan: Plan, M: Array, gone: slice, kept: tuple[int, int]) -> Array:
     total = np.zeros((width, width))
     for _, _, rows in _spread(plan, M, gone, kept):
         square = rows.T @ rows
-        total += square if isinstance(square, np.ndarray) else square.toarray()
+        if isinstance(square, np.ndarray):
+            total += square
+        else:
+            few = square.tocoo()
+            total[few.row, few.col] += few.data
     return total
 
 

@@ -25,6 +25,9 @@ from .whitening import Design, Roots
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
+PATIENCE = 20.0
+"""How much longer than a step of the estimate its cofactors may take: half a minute or so at most."""
+
 Linear = Callable[[Observations], tuple[Observations, Linearised, Array]]
 """Makes the linear problem of a part of a table: the part with its parameters applied, linearised, and its design A."""
 
@@ -172,7 +175,7 @@ def repeated(o: Observations, linear: Linear, prior: tuple[Array, Array]) -> Ite
     Nothing where the common parameters are not determined, or where images and landmarks are woven too closely for the
     cofactors to be had.
     """
-    shared = Shared.of(o, reader(o, linear))
+    shared = Shared.of(o, reader(o, linear), PATIENCE)
     x, _, Q = solve_common(shared.squares, prior)
     if not (shared.factored and np.all(np.isfinite(Q))):
         return
