@@ -374,8 +374,8 @@ def test_of_very_many_images_and_landmarks_the_worst_are_listed(campaign, monkey
     full = result_document(done, "gls", names, {}, provenance)
     assert "not_listed" not in full
     monkeypatch.setattr("starplumb.io.result.LISTED_AT_MOST", 2)
-    monkeypatch.setattr("starplumb.report.calibration_tables.IMAGES_AT_MOST", 1)
-    monkeypatch.setattr("starplumb.report.calibration_tables.LISTED_AT_MOST", 1)
+    monkeypatch.setattr("starplumb.report.calibration_lists.IMAGES_AT_MOST", 1)
+    monkeypatch.setattr("starplumb.report.calibration_lists.LISTED_AT_MOST", 1)
     short = result_document(done, "gls", names, {}, provenance)
     for kind, key in (("images", "rms_px"), ("landmarks", "rms_own_px")):
         worst = sorted(full[kind], key=lambda row: -row[key])[:2]

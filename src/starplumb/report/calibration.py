@@ -10,6 +10,7 @@ import numpy as np
 from ..calibration import Calibration
 from ..units import ARCSEC
 from . import calibration_figures as figures
+from . import calibration_lists as lists
 from . import calibration_tables as tables
 from .page import Page, Section, Tone, render
 from .text import length, listed, measured
@@ -100,12 +101,12 @@ def _sections(c: Calibration, document: Mapping[str, Any]) -> tuple[Section, ...
             (),
             (
                 *tables.parameters(document),
-                *tables.rejections(document),
-                *tables.images(document),
-                *tables.markers(document),
+                *lists.rejections(document),
+                *lists.images(document),
+                *lists.markers(document),
             ),
         ),
-        Section("reliability", "Reliability of each sighting", *tables.reliability(c)),
+        Section("reliability", "Reliability of each sighting", *lists.reliability(c)),
         Section("provenance", "Provenance", tables=tables.provenance(document)),
     )
 
