@@ -9,6 +9,7 @@ import pytest
 
 from problems import C_EK_TRUE, FRAME, LINE, truth
 from starplumb import so3, streaming
+from starplumb.estimators import robust as robust_module
 from starplumb.estimators.consensus import _largest, cluster, consensus, pair_rotation
 from starplumb.estimators.gls import Gls
 from starplumb.estimators.protocol import Status, Verdict
@@ -177,6 +178,21 @@ def test_a_large_table_is_judged_like_a_small_one(monkeypatch, rng):
     assert np.any(whole.verdict == Verdict.IMAGE)
     np.testing.assert_array_equal(parts.verdict, whole.verdict)
     assert np.max(np.abs(so3.log(parts.C_EK @ whole.C_EK.mT) / whole.sigma_E)) < 1e-3
+
+
+def test_many_bad_images_leave_together(monkeypatch, rng):
+    """Twelve of sixty, each within the gate of the consensus, in as few passes as a large campaign can afford."""
+    o = observe(truth(FRAME, 60, 8))
+    table = measure(o, C_EK_TRUE, Errors.draw(o, rng))
+    bad = rng.permutation(60)[:12]
+    turn = np.zeros((60, 3))
+    turn[bad, :2] = rng.choice([-1.0, 1.0], (12, 2)) * rng.uniform(28.0, 35.0, (12, 2)) * ARCSEC
+    table = table.with_geometry(C_EJ=so3.exp(turn[o.image]) @ table.C_EJ)
+    monkeypatch.setattr(robust_module, "AT_ONCE", 0.1)
+    monkeypatch.setattr(robust_module, "PASSES", 10)
+    estimate = Robust()(table, C_EK_TRUE)
+    assert set(bad) <= set(o.image[estimate.verdict == Verdict.IMAGE])
+    assert np.max(np.abs(normalised(estimate))) < 4.0
 
 
 def test_the_largest_cluster_is_that_of_all_pairs(monkeypatch, rng):

@@ -24,6 +24,8 @@ LIKELY = 0.03
 """Share of its plausible range within which a free parameter is expected while nothing is estimated yet."""
 LEAST = 4
 """Sightings of an image that must agree before it is called wrong: two fix a rotation, two more confirm it."""
+AT_ONCE = 1e-3
+"""Share of all images, or landmarks, that may leave together, the worst one in any case."""
 PASSES = 60
 
 
@@ -231,11 +233,14 @@ class _Search:
         worst = float(np.max(T[used], initial=0.0))
         groups = {Verdict.IMAGE: critical[0], Verdict.LANDMARK: critical[1]}
         kind = max(groups, key=lambda g: float(np.max(groups[g], initial=0.0)))
-        if float(np.max(groups[kind], initial=0.0)) > max(1.0, worst):
-            member = int(np.argmax(groups[kind]))
-            of = self.o.image == member
+        largest = float(np.max(groups[kind], initial=0.0))
+        if largest > max(1.0, worst):
+            most = max(1, int(AT_ONCE * groups[kind].size))
+            members = np.argsort(groups[kind])[: -most - 1 : -1]
+            members = members[groups[kind][members] > max(1.0, worst, 0.5 * largest)]
+            of = np.isin(self.o.image, members)
             if kind is Verdict.LANDMARK:
-                of = self.o.landmark == tested.repeated[member]
+                of = np.isin(self.o.landmark, tested.repeated[members])
             verdict[free & of] = int(kind)
             return verdict
         out = used & (T > 1.0) & (_largest_of(T, used, self.o.image) <= T)
