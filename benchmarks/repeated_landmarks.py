@@ -1,10 +1,10 @@
 """Landmarks seen again and again: one estimate of a large campaign whose landmarks' errors are shared by many images.
 
-    OPENBLAS_NUM_THREADS=1 python benchmarks/repeated_landmarks.py --scale 1
+    OPENBLAS_NUM_THREADS=1 python benchmarks/repeated_landmarks.py --memory
 
 ``site`` are 20 images of the same 20 000 landmarks, ``strip`` 10 000 images along an orbit that overlap so that each of
-1e5 landmarks is seen by some ten of them, ``archive`` 10 000 images of the same 200 landmarks, ``random`` 2000 images
-of 1000 places drawn at random out of 20 000.  CPU seconds, and the memory above the table.  ``--scale`` divides the
+1e5 landmarks is seen by some ten of them, ``archive`` 10 000 images of the same 200 landmarks, ``random`` 10 000 images
+of 100 landmarks each, drawn out of 50 000.  CPU seconds, and the memory above the table.  ``--scale`` divides the
 numbers of images, or of landmarks of the site.
 """
 

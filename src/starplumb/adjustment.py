@@ -7,7 +7,8 @@ position error rho_J) and three per landmark (its place error pi_J), the latter 
 
 Each image meets only its own six unknowns and each landmark its own three, so images are eliminated one by one
 (6 x 6), a landmark seen once is folded into the noise of its one sighting (2 x 2), and what is left is as wide as x and
-the landmarks seen more often; it is summed, sighting by sighting.  Leading batch axes pass through.
+the landmarks seen more often; it is summed, sighting by sighting.  Leading batch axes pass through.  A large table is
+read in chunks instead, and its images or its landmarks eliminated, whichever leaves less (:mod:`starplumb.arrow`).
 
 With S a square root of the stated covariance the shared unknowns have unit prior: a stated sigma of zero is allowed.
 """
