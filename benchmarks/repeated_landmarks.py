@@ -108,7 +108,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("cases", nargs="*", default=list(CASES), choices=list(CASES))
+    parser.add_argument("cases", nargs="*", help=f"of {list(CASES)}, all if none is named")
     parser.add_argument("--scale", type=int, default=1)
     parser.add_argument("--method", default="selfcal", choices=list(METHODS))
     parser.add_argument("--memory", action="store_true", help="measure the memory in another run")
@@ -118,7 +118,7 @@ def main() -> None:
     )
     print("|---|---|---|---|---|---|---|---|---|")
     model = so3.exp(np.array([0.01, -0.005, 0.008])) @ C_EK_TRUE
-    for name in arguments.cases:
+    for name in arguments.cases or CASES:
         rng = np.random.default_rng(1)
         true = CASES[name](arguments.scale, rng)
         o = measure(true, C_EK_TRUE, Errors.draw(true, rng))
