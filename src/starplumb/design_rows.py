@@ -32,7 +32,8 @@ from .model import (
     through,
 )
 from .observations import Observations
-from .rows import Array, Row, Triple, dot, lanes, larger, put_window, root, spare_window, specialise, window
+from .rows import Array, Row, Triple, dot, lanes, put_window, root, spare_window, specialise, window
+from .whitening import inverse_root
 
 XY, SLOPE, E_E, ROW_RATE, C_EJ, RANGE, SIGMA, WEIGHT, COVARIANCE = 2, 6, LENS_ROWS, 13, 16, 25, 26, 27, 28
 """First rows of what was measured: tangents (2), slope (4), direction (3), its rate (3), attitude (9), range, sigma of
@@ -60,15 +61,6 @@ def quadratic(a: Triple, S: Six, b: Triple) -> Row:
             S[2] * b[0] + S[4] * b[1] + S[5] * b[2],
         ),
     )
-
-
-def inverse_root(a: Row, b: Row, c: Row, smallest: Row) -> Triple:
-    """L^-1 (lower triangle) of ``L L^T = [[a, b], [b, c]]``, no eigenvalue of which is below ``smallest``."""
-    x = 1.0 / root(a)
-    l10 = b * x
-    # rounding may take the difference below what it can be
-    y = 1.0 / root(larger(c - l10 * l10, smallest))
-    return x, -l10 * x * y, y
 
 
 def whitened_design(W: Array, at: Any, C_EK: Nine) -> None:

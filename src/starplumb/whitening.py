@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from .model import Linearised
 from .observations import Observations
+from .rows import Row, Triple, larger, root
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -26,15 +27,13 @@ def square_root(covariance: Array) -> Array:
     return np.asarray((vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :]) @ vectors.mT)
 
 
-def _inverse_root(a: Array, b: Array, c: Array, smallest: Array) -> Array:
-    """Lower triangular W (..., 2, 2) with W V W^T = I for V = [[a, b], [b, c]], no eigenvalue below ``smallest``."""
-    W = np.zeros((*np.broadcast_shapes(np.shape(a), np.shape(b), np.shape(c)), 2, 2))
-    W[..., 0, 0] = 1.0 / np.sqrt(a)
-    l10 = b * W[..., 0, 0]
+def inverse_root(a: Row, b: Row, c: Row, smallest: Row) -> Triple:
+    """L^-1 (00, 10, 11) of ``L L^T = [[a, b], [b, c]]``, no eigenvalue of which is below ``smallest``."""
+    x = 1.0 / root(a)
+    l10 = b * x
     # rounding may take the difference below what it can be
-    W[..., 1, 1] = 1.0 / np.sqrt(np.maximum(c - l10 * l10, smallest))
-    W[..., 1, 0] = -l10 * W[..., 0, 0] * W[..., 1, 1]
-    return W
+    y = 1.0 / root(larger(c - l10 * l10, smallest))
+    return x, -l10 * x * y, y
 
 
 def _whitened(W: Array, X: Array) -> Array:
@@ -101,7 +100,10 @@ class Roots:
             a = a + once * np.sum(spread[..., 0, :] * across, axis=-1)
             b = once * np.sum(spread[..., 1, :] * across, axis=-1)
             c = c + once * np.sum(spread[..., 1, :] * down, axis=-1)
-        W = _inverse_root(a, b, c, noise) * np.sqrt(o.weight[..., rows])[..., None, None]
+        strength = np.sqrt(o.weight[..., rows])
+        entries = [strength * entry for entry in inverse_root(a, b, c, noise)]
+        W = np.zeros((*np.broadcast_shapes(*(entry.shape for entry in entries)), 2, 2))
+        W[..., 0, 0], W[..., 1, 0], W[..., 1, 1] = entries
         blocks = [
             model.H[..., rows, :, :] @ self.S_attitude[..., image, :, :],
             -R @ self.S_position[..., image, :, :],
