@@ -8,12 +8,12 @@ direction, a share of markers missed, and false detections so that they are a st
 
 from __future__ import annotations
 
-import argparse
 import time
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scenes import C_EK_TRUE, marked, photographed
+from tally import tally
 
 from starplumb import so3
 from starplumb.calibration import calibrate
@@ -85,7 +85,7 @@ def run(case: Case, campaigns: int, rng: np.random.Generator) -> str:
         if not done.status.usable:
             continue
         answered += 1
-        error = so3.log(done.estimate.C_EK @ C_EK_TRUE.T) / done.estimate.sigma_E
+        error = so3.log(done.estimate.C_EK @ C_EK_TRUE.mT) / done.estimate.sigma_E
         normalised.append(error)
         wrong += int(np.abs(error).max() > 5.0 and done.status is Status.OK)
         wrong_labels += int(np.sum((labels.landmark >= 0) & (labels.landmark != named)))
@@ -98,18 +98,10 @@ def run(case: Case, campaigns: int, rng: np.random.Generator) -> str:
     )
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--campaigns", type=int, default=1000)
-    parser.add_argument("--seed", type=int, default=1)
-    arguments = parser.parse_args()
-    print(
-        "| error deg | clutter | missed | answered | wrong answers `ok` | wrong labels | markers labelled | "
-        "sd of error / sigma | CPU ms |\n|---|---|---|---|---|---|---|---|---|"
-    )
-    for number, case in enumerate(CASES):
-        print(run(case, arguments.campaigns, np.random.default_rng([arguments.seed, number])), flush=True)
-
+HEADER = (
+    "| error deg | clutter | missed | answered | wrong answers `ok` | wrong labels | markers "
+    "labelled | sd of error / sigma | CPU ms |"
+)
 
 if __name__ == "__main__":
-    main()
+    tally(__doc__, HEADER, CASES, run)

@@ -7,12 +7,12 @@ Each row: campaigns of 20 images x 20 markers with their own errors and their ow
 
 from __future__ import annotations
 
-import argparse
 import time
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scenes import C_EK_TRUE, marked, photographed
+from tally import tally
 
 from starplumb import so3
 from starplumb.estimators.gls import Gls
@@ -107,18 +107,10 @@ def run(case: Spoiling, campaigns: int, rng: np.random.Generator) -> str:
     )
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--campaigns", type=int, default=1000)
-    parser.add_argument("--seed", type=int, default=1)
-    arguments = parser.parse_args()
-    print(
-        "| wrong | within 4 sigma | refused | sd of error / sigma | same, wrong ones known | wrong kept | good lost |"
-        " CPU ms |\n|---|---|---|---|---|---|---|---|"
-    )
-    for number, case in enumerate(CASES):
-        print(run(case, arguments.campaigns, np.random.default_rng([arguments.seed, number])), flush=True)
-
+HEADER = (
+    "| wrong | within 4 sigma | refused | sd of error / sigma | same, wrong ones known | "
+    "wrong kept | good lost | CPU ms |"
+)
 
 if __name__ == "__main__":
-    main()
+    tally(__doc__, HEADER, CASES, run)
