@@ -48,7 +48,11 @@ class Sum:
 
 def streams(o: Observations) -> bool:
     """Whether a table is large, without batch axes and of landmarks seen once, so that it can be taken in chunks."""
-    return o.n > LARGE and o.batch == () and bool(np.bincount(o.landmark).max() == 1)
+    if not (o.n > LARGE and o.batch == ()):
+        return False
+    seen = np.zeros(o.n_landmarks, dtype=np.bool_)
+    seen[o.landmark] = True
+    return int(np.count_nonzero(seen)) == o.n
 
 
 def sampled(o: Observations) -> bool:
