@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from problems import C_EK_TRUE, FRAME, LINE, truth
-from starplumb import design_rows, so3, streaming
+from starplumb import adjustment, design_rows, so3, streaming
 from starplumb.adjustment import solve
 from starplumb.camera import Distortion
 from starplumb.estimators.gls import Gls
@@ -173,6 +173,24 @@ def test_large_generalised_least_squares_is_the_small_one(monkeypatch, rng):
     assert np.abs(so3.log(chunked.C_EK @ whole.C_EK.mT) / whole.sigma_E).max() < 1e-7
     np.testing.assert_allclose(chunked.covariance_E, whole.covariance_E, rtol=1e-9, atol=1e-24)
     assert chunked.chi2 == pytest.approx(float(whole.chi2), rel=1e-9)
+
+
+@pytest.mark.parametrize("shared", [False, True])
+@pytest.mark.parametrize("estimator", [Gls(), SelfCalibration()])
+def test_a_large_table_takes_several_model_mountings(small_limits, monkeypatch, rng, shared, estimator):
+    """Chunks are of one mounting; with batch axes of mountings each run is what it is alone."""
+    monkeypatch.setattr(adjustment, "MANY", 5)
+    true = observe(truth(FRAME, 20, 10, shared_site=shared))
+    table = replace(measure(true, C_EK_TRUE, Errors.draw(true, rng)), prior_E=np.eye(3) * ARCSEC**2)
+    models = so3.exp(np.array([[20.0, 0.0, 0.0], [0.0, -30.0, 5.0]]) * ARCSEC) @ C_EK_TRUE
+    assert streaming.sampled(table) is not shared
+    assert adjustment.is_large(table) is shared
+    together = estimator(table, models)
+    for i, model in enumerate(models):
+        alone = estimator(table, model)
+        assert np.abs(so3.log(together.C_EK[i] @ alone.C_EK.mT) / alone.sigma_E).max() < 2e-3
+        np.testing.assert_allclose(together.covariance_E[i], alone.covariance_E, rtol=1e-6, atol=1e-18)
+        assert together.chi2[i] == pytest.approx(float(alone.chi2), rel=1e-5)
 
 
 def test_repeated_landmarks_are_not_taken_in_chunks(small_limits):

@@ -80,10 +80,11 @@ class Gls:
 
 
 def adjust(observations: Observations, C_EK: Array, C_EK_model: Array) -> Adjustment | Sum:
-    """The linear step at C_EK, with the prior about the model mounting if there is one; of a large table in chunks."""
+    """The linear step at C_EK, with the prior about the model mounting if there is one; of a large table
+    at one mounting in chunks."""
     o = observations
     prior = mounting_prior(o, C_EK, C_EK_model)
-    if streams(o):
+    if C_EK.ndim == 2 and streams(o):
         full: Adjustment | Sum = Stream.of(o, (), compiled=False).step(
             C_EK, np.zeros(0), _beside(o, C_EK, prior)
         )

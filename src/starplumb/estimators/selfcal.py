@@ -90,7 +90,7 @@ class SelfCalibration:
 
     def start(self, observations: Observations, C_EK: Array) -> State:
         """The closed form, all parameters at zero; of a large table the estimate from a sample of its images."""
-        if sampled(observations):
+        if C_EK.ndim == 2 and sampled(observations):
             part = sample(observations)
             first = self._closed(part, C_EK)
             estimate = replace(self, tolerance=SAMPLE_TOLERANCE).estimate(part, C_EK, first)
@@ -137,7 +137,7 @@ class SelfCalibration:
         """Iterate from a state to convergence."""
         shape = state.C_EK.shape[:-2]
         converged, iterations = np.zeros(shape, dtype=bool), np.zeros(shape, dtype=np.int64)
-        before, step = np.full(shape, np.inf), self._stepper(observations, C_EK)
+        before, step = np.full(shape, np.inf), self._stepper(observations, C_EK, shape)
         solution = step(state)
         for _ in range(self.max_iterations):
             state = state.moved(solution.x)
@@ -156,12 +156,14 @@ class SelfCalibration:
             self._report(observations, state, solution, (converged, iterations)), parameters=vector
         )
 
-    def _stepper(self, o: Observations, C_EK_model: Array) -> Callable[[State], Adjustment | Sum]:
-        """The linear step at a state; of a large table in chunks."""
-        if is_large(o) and not streams(o):
-            return lambda state: self._large_step(o, state, C_EK_model)
-        if not streams(o):
+    def _stepper(
+        self, o: Observations, C_EK_model: Array, batch: tuple[int, ...]
+    ) -> Callable[[State], Adjustment | Sum]:
+        """The linear step at states with these batch axes; at a single one of a large table in chunks."""
+        if batch or not (streams(o) or is_large(o)):
             return lambda state: self.problem(o, state, C_EK_model).solve()
+        if not streams(o):
+            return lambda state: self._large_step(o, state, C_EK_model)
         stream = Stream.of(o, self.parameters, self.compiled)
         return lambda state: stream.step(state.C_EK, state.values, self._prior(o, state, C_EK_model))
 
