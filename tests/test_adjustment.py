@@ -11,9 +11,11 @@ from scipy.linalg import block_diag
 from problems import C_EK_TRUE, FRAME, LINE, truth
 from starplumb import adjustment, arrow, covisibility, elimination
 from starplumb.adjustment import solve, square_root
+from starplumb.conjugate import conjugate_gradients
 from starplumb.geometry import observe
 from starplumb.model import linearise
 from starplumb.simulate import Errors, measure
+from starplumb.tridiagonal import BlockTridiagonal
 from starplumb.units import ARCSEC
 
 
@@ -67,6 +69,7 @@ def way(request, monkeypatch):
         monkeypatch.setattr(covisibility, "LEAST", 1)
         cheaper = covisibility._cheaper
         goes = request.param != "landmarks first"
+        monkeypatch.setattr(elimination, "SPARSE", 0.0 if goes else np.inf)
         monkeypatch.setattr(elimination, "STORED", 0 if request.param == "woven" else elimination.STORED)
         monkeypatch.setattr(covisibility, "_cheaper", lambda *a: np.full_like(cheaper(*a), goes))
     return request.param
@@ -264,3 +267,19 @@ def test_many_markers_shared_by_many_images_stay_small_in_memory(rng):
     tracemalloc.stop()
     dense_rows = 2 * o.n * 3 * o.n_landmarks * 8
     assert peak < 0.5 * dense_rows
+
+
+def test_numbers_that_are_not_finite_end_the_iterations_at_once():
+    """Of a large table each iteration takes a second, and three thousand are allowed."""
+    calls = []
+    right = np.array([[1.0], [np.nan]])
+    with pytest.raises(np.linalg.LinAlgError):
+        conjugate_gradients(lambda y: calls.append(y) or y, lambda r: r, right)
+    assert len(calls) <= 1
+
+
+def test_rounding_does_not_make_a_matrix_indefinite():
+    """A singular one, of an image whose sightings all but fix it: two equal rows of ones."""
+    factored = BlockTridiagonal.factor([np.ones((2, 2))], [])
+    right = np.ones((2, 1))
+    np.testing.assert_allclose(np.ones((2, 2)) @ factored.solve(right), right, rtol=1e-12)

@@ -19,7 +19,7 @@ MOST = 3000
 def conjugate_gradients(matrix: Map, preconditioner: Map, right: Array) -> Array:
     """Solution (w, s) of ``S y = right`` for symmetric positive definite S; ``preconditioner`` is close to its inverse.
 
-    Raises LinAlgError where MOST iterations do not reach it.
+    Raises LinAlgError where MOST iterations do not reach it, or numbers are not finite.
     Source: M. R. Hestenes, E. Stiefel, Methods of conjugate gradients for solving linear systems, J. Research of the
     National Bureau of Standards 49 (1952).
     """
@@ -30,6 +30,8 @@ def conjugate_gradients(matrix: Map, preconditioner: Map, right: Array) -> Array
     for _ in range(MOST):
         if np.all(rd <= target):
             return y
+        if not np.all(np.isfinite(rd)):
+            break
         Sp = matrix(p)
         pSp = np.sum(p * Sp, axis=0)
         step = np.divide(rd, pSp, out=np.zeros_like(rd), where=pSp > 0.0)
