@@ -17,10 +17,10 @@ MODULES = {
     path.relative_to(ROOT).with_suffix("").as_posix().replace("/", "."): path for path in ROOT.rglob("*.py")
 }
 FLOORS = {
-    0: "errors units so3 small tridiagonal conjugate rows",
+    0: "errors units so3 tridiagonal conjugate rows",
     1: "earth timescales orientation orbit lens camera series corrections layout",
-    2: "campaign trackers observations model geometry adjustment whitening arrow elimination covisibility streaming parameters "
-    "design_rows",
+    2: "campaign trackers observations model geometry adjustment whitening arrow elimination covisibility streaming "
+    "parameters design_rows",
     3: "estimators simulate scene passes sources error_models reliability portions",
     4: "",  # what studies, judges and plans: every module not named elsewhere
     5: "io report published",

@@ -10,7 +10,7 @@ import pytest
 from scipy import stats
 
 from problems import C_EK_TRUE, FRAME, LINE, SIGMAS, truth
-from starplumb import scene, so3
+from starplumb import scene, so3, streaming
 from starplumb.consistency import boresight_sigmas, chi2_p, field_radius, findings
 from starplumb.corrections import Corrections
 from starplumb.estimators.gls import Gls
@@ -113,6 +113,27 @@ def test_a_wrong_aberration_switch_is_said_aloud(rng, camera, switch):
     assert (
         f"the switch aberration = {stated} looks wrong: aberration = {better} explains" in found[0].sentence
     )
+
+
+@pytest.mark.parametrize("right", [True, False])
+def test_a_sample_of_a_large_table_confirms_the_aberration_switch(monkeypatch, rng, right):
+    """Only where it does not is the whole table estimated again with the other switch."""
+    for name, value in (("LARGE", 50), ("CHUNK", 40), ("SAMPLE", 400)):
+        monkeypatch.setattr(streaming, name, value)
+    o = measured(rng, images=120, markers=8, tilt_deg=20.0, yaw_deg=180.0)
+    if not right:
+        o = o.with_geometry(corrections=replace(o.corrections, aberration=False))
+    asked = []
+
+    def estimator(table, C_EK):
+        asked.append((table.n == o.n, table.corrections.aberration))
+        return Gls()(table, C_EK)
+
+    assert streaming.sampled(o)
+    found = say(o, estimator=estimator)
+    assert any("looks wrong" in f.sentence for f in found) is not right
+    assert asked[1:3] == [(False, right), (False, not right)]
+    assert asked[3:] == ([] if right else [(True, True)])
 
 
 def test_views_that_cannot_tell_the_aberration_say_so_and_do_not_weaken(rng):

@@ -68,6 +68,22 @@ def test_the_terrain_below_is_met_where_the_single_ray_meets_it():
         )
 
 
+def test_heights_that_a_coarse_look_misses_are_covered():
+    """Ground 250 m above all that the first, coarse grid of posts found, seen aslant in posts of 10 m."""
+    campaign = truth(FRAME, 1, 1, tilt_deg=25.0)
+    rows = columns = np.linspace(0.0, 900.0, 4)
+    looks = []
+
+    def heights(latitude, longitude):
+        looks.append(longitude[1] - longitude[0])
+        return np.full(latitude.shape, 100.0 if looks[-1] == looks[0] else 350.0)
+
+    terrain = terrain_below(campaign, C_EK_TRUE, 0, rows, columns, heights, 10.0)
+    assert len(set(looks)) == 2
+    (found,) = positions(campaign, C_EK_TRUE, 0, rows, columns, terrain)
+    np.testing.assert_allclose(found[..., 2], 350.0, atol=1e-6)
+
+
 def test_ground_that_is_not_known_is_not_a_number():
     campaign = truth(FRAME, 1, 1)
     rows = columns = np.linspace(0.0, 11999.0, 5)
@@ -96,6 +112,7 @@ def test_the_date_line_is_crossed():
     flat = terrain_below(
         turned, C_EK_TRUE, 0, rows, columns, lambda lat, lon: np.full(lat.shape, 80.0), 200.0
     )
+    assert flat.height.shape[1] < 2 * flat.height.shape[0]  # the short way across, and not around the Earth
     (found,) = positions(turned, C_EK_TRUE, 0, rows, columns, flat)
     assert np.all(np.abs(found[..., 0]) <= np.pi)
     assert len(np.unique(np.sign(found[..., 0]))) == 2

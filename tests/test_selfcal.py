@@ -70,6 +70,21 @@ def test_optics_agree_with_the_camera_they_describe():
     np.testing.assert_allclose(applied.xy_K, corrected.tan_from_px(*pixel.T)[0], atol=1e-15)
 
 
+def test_the_slope_of_bent_look_directions_is_their_difference_quotient():
+    """d (tan_x, tan_y) / d column with Legendre polynomials of the third degree added, a third as steep as the line."""
+    o = observe(truth(LINE, 1, 5))
+    column, row = LINE.px_from_tan(o.xy_K).T
+    looks = LookAngles(LINE, ("look_x_1", "look_y_3"), (INF, INF))
+    value = 0.3 * np.ptp(LINE.tan_x) * np.array([1.0, 0.1])
+
+    def at(moved):
+        xy, slope = LINE.tan_from_px(column + moved, row)
+        return looks.apply(replace(o, xy_K=xy, slope_K=slope), value)
+
+    quotient = (at(0.5).xy_K - at(-0.5).xy_K) / 1.0
+    np.testing.assert_allclose(at(0.0).slope_K[..., 0], quotient, atol=1e-6 * np.abs(quotient).max())
+
+
 def late(campaign, dt):
     """The campaign as recorded by a camera whose clock says every epoch dt too early."""
     t_ns = campaign.images.t_ns - np.int64(round(dt * 1e9))

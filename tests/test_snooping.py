@@ -211,6 +211,7 @@ def test_repeated_landmarks_are_judged_by_blocks_of_a_sparse_inverse(images_go, 
         (adjustment, "LARGE", 0),
         (arrow, "CHUNK", 7),
         (elimination, "WINDOW", 100),
+        (elimination, "SPARSE", 0.0 if images_go else np.inf),
         (covisibility, "LEAST", 1),
     ):
         monkeypatch.setattr(module, name, value)
