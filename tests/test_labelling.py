@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from problems import C_EK_TRUE, FRAME, LINE, SIGMAS, truth
-from starplumb import scene, so3
+from starplumb import placement, scene, so3
 from starplumb.calibration import calibrate
 from starplumb.campaign import Detections
 from starplumb.estimators.robust import Robust
@@ -118,3 +119,47 @@ def test_two_detections_of_one_marker_get_no_label(rng):
 def test_the_rotation_found_is_the_true_one(rng):
     campaign, detections, _ = unnamed(truth(FRAME, 6, 8), rng, bias_px=0.0)
     assert np.abs(so3.log(label(campaign, detections).C_EK @ C_EK_TRUE.mT)).max() < 30.0 * ARCSEC
+
+
+@pytest.mark.parametrize(
+    ("limit", "value"), [("DECIDING", 6), ("CANDIDATES", 150), ("TRIALS", 20_000), ("HYPOTHESES", 60)]
+)
+def test_some_of_the_detections_decide_for_all(limit, value, rng, monkeypatch):
+    """With fewer detections, images, candidates or rotations looked at, every label found is still the right one."""
+    monkeypatch.setattr(placement, limit, value)
+    monkeypatch.setattr(placement, "FINALISTS", 20)
+    campaign, detections, named = unnamed(truth(FRAME, 6, 12), rng, 0.3, 0.1, 1.5)
+    found = label(campaign, detections)
+    assert found.refusal == ""
+    given = found.landmark >= 0
+    np.testing.assert_array_equal(found.landmark[given], named[given])
+    assert np.sum(given) >= np.sum(named >= 0) - 2
+
+
+def test_limits_are_kept(rng, monkeypatch):
+    """So many detections of an image, and so many candidates, whatever there are."""
+    campaign, detections, _ = unnamed(truth(FRAME, 6, 12), rng)
+    monkeypatch.setattr(placement, "DECIDING", 10)
+    few = placement.Candidates.deciding(campaign, detections, 2.0 * DEG, rng)
+    images, count = np.unique(detections.image[np.unique(few.detection)], return_counts=True)
+    assert images.size == 6
+    assert np.all(count <= 10)
+    monkeypatch.setattr(placement, "CANDIDATES", 100)
+    fewer = placement.Candidates.deciding(campaign, detections, 2.0 * DEG, rng)
+    assert 0 < fewer.table.n <= 100
+    assert np.all(np.diff(fewer.detection) >= 0)
+
+
+def test_a_thousand_detections_take_little_memory(rng):
+    """Four images of 300 detections among 200 markers each, which all told are 240 000 candidates."""
+    campaign, detections, named = unnamed(truth(FRAME, 4, 200), rng, missed=0.1)
+    assert detections.image.size > 1000
+    tracemalloc.start()
+    found = label(campaign, detections)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert found.refusal == ""
+    given = found.landmark >= 0
+    np.testing.assert_array_equal(found.landmark[given], named[given])
+    assert np.sum(given) > 0.98 * np.sum(named >= 0)
+    assert peak < 250e6
