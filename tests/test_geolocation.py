@@ -13,16 +13,18 @@ from problems import C_EK_TRUE, FRAME, LINE, truth
 from starplumb import geolocation
 from starplumb.cli.app import app
 from starplumb.demo import demo
-from starplumb.earth import geodetic_to_itrf, itrf_to_geodetic
+from starplumb.earth import itrf_to_geodetic
 from starplumb.errors import InputError
 from starplumb.geolocation import positions, terrain_below
-from starplumb.geometry import locate
+from starplumb.geometry import locate, stations
 from starplumb.io.write_campaign import write_campaign
 from starplumb.terrain import ground_height
 
 rasterio = pytest.importorskip("rasterio")
 # rasterio multiplies its transforms in the old way
 pytestmark = pytest.mark.filterwarnings("ignore:Use `@` matmul:PendingDeprecationWarning")
+
+MIRRORED = replace(LINE, tan_x=-LINE.tan_x)
 
 
 def hills(latitude, longitude):
@@ -100,23 +102,36 @@ def test_ground_that_is_not_known_is_not_a_number():
         terrain_below(campaign, C_EK_TRUE, 0, rows, columns, hills, 0.01)
 
 
-def test_the_date_line_is_crossed():
-    """Longitudes are -180 to 180 degrees on either side of it, and the terrain goes on beyond."""
-    campaign = truth(FRAME, 1, 1)
-    longitude, latitude = singly(campaign, 6000.0, 6000.0, 0.0)
+@pytest.mark.parametrize("camera", [FRAME, MIRRORED], ids=["frame", "line from right to left"])
+@pytest.mark.parametrize("column", [0.0, 5999.5, 11999.0, None])
+def test_the_date_line_is_crossed(camera, column):
+    """At a column of the middle row, or by the camera: as anywhere else, and longitudes stay within half a turn.
+
+    Where a row begins on it, places at one height lie before it and those at another behind it.
+    """
+    campaign, row = truth(camera, 1, 1, tilt_deg=25.0), 5999.5
+    if column is None:
+        r_J = stations(campaign, np.array([0]), np.array([row])).r_J[0]
+        longitude = np.arctan2(r_J[1], r_J[0])
+    else:
+        longitude, _ = singly(campaign, row, column, 600.0)
     turn = np.pi - longitude
     C = np.array([[np.cos(turn), -np.sin(turn), 0.0], [np.sin(turn), np.cos(turn), 0.0], [0.0, 0.0, 1.0]])
-    assert np.allclose(C @ geodetic_to_itrf(latitude, longitude, 0.0), geodetic_to_itrf(latitude, np.pi, 0.0))
-    turned = _turned(campaign, C)
-    rows = columns = np.linspace(0.0, 11999.0, 3)
-    flat = terrain_below(
-        turned, C_EK_TRUE, 0, rows, columns, lambda lat, lon: np.full(lat.shape, 80.0), 200.0
+    rows, columns = np.linspace(0.0, 11999.0, 5), np.linspace(0.0, 11999.0, 3)
+    found, ground = [], []
+    for one, turned_by in ((campaign, 0.0), (_turned(campaign, C), turn)):
+        ground.append(
+            terrain_below(
+                one, C_EK_TRUE, 0, rows, columns, lambda lat, lon, by=turned_by: hills(lat, lon - by), 200.0
+            )
+        )
+        found += positions(one, C_EK_TRUE, 0, rows, columns, ground[-1])
+    assert ground[0].height.shape == ground[1].height.shape
+    np.testing.assert_allclose(found[1][..., 1:], found[0][..., 1:], atol=1e-6)
+    assert np.all(np.abs(found[1][..., 0]) <= np.pi)
+    np.testing.assert_allclose(
+        np.exp(1j * found[1][..., 0]), np.exp(1j * (found[0][..., 0] + turn)), atol=1e-12
     )
-    assert flat.height.shape[1] < 2 * flat.height.shape[0]  # the short way across, and not around the Earth
-    (found,) = positions(turned, C_EK_TRUE, 0, rows, columns, flat)
-    assert np.all(np.abs(found[..., 0]) <= np.pi)
-    assert len(np.unique(np.sign(found[..., 0]))) == 2
-    assert not np.isnan(found).any()
 
 
 def _turned(campaign, C):

@@ -76,12 +76,15 @@ def locate_rows(
 def geodetic_rows(
     campaign: Campaign, C_EK: Array, image: int, row_px: Array, column_px: Array, height: float = 0.0
 ) -> Array:
-    """Geodetic latitude and longitude (r, c, 2) rad of the same; longitudes of a row do not jump by a full turn."""
+    """Geodetic latitude and longitude (r, c, 2) rad of the same; longitudes jump by a full turn neither along a row nor
+    from one height to another."""
 
     def exact(station: Stations, e_J: Array) -> Array:
         p_J = ground_points(e_J, station.r_J[:, None], station.v_J[:, None], campaign.corrections, height)
         latitude, longitude, _ = itrf_to_geodetic(p_J)
         longitude = np.unwrap(longitude, axis=1)
+        below = np.arctan2(station.r_J[:, 1], station.r_J[:, 0])[:, None]
+        longitude -= 2.0 * np.pi * np.round((longitude[:, :1] - below) / (2.0 * np.pi))
         return np.stack([latitude, longitude], axis=-1)
 
     return _interpolated(campaign, C_EK, image, row_px, column_px, exact, 1.0 / 6.4e6)
