@@ -19,9 +19,11 @@ from starplumb.estimators.protocol import Verdict
 from starplumb.estimators.robust import Robust
 from starplumb.estimators.selfcal import SelfCalibration
 from starplumb.geometry import observe
+from starplumb.io.residual_table import residual_columns, residual_names
+from starplumb.io.write import csv_text
 from starplumb.model import linearise
 from starplumb.parameters import Optics
-from starplumb.reliability import reliability
+from starplumb.reliability import Reliability, reliability
 from starplumb.residuals import residuals
 from starplumb.simulate import Errors, measure
 from starplumb.snooping import fit_at, rejections, snoop
@@ -285,3 +287,38 @@ def test_one_marker_controls_nothing():
     _, found = snooped(o, np.ones(2))
     assert np.all(found.redundancy < 0.51)
     assert np.all(found.effect_E > 1.0 * ARCSEC)
+
+
+def test_what_nothing_would_show_is_an_empty_cell():
+    """Of a sighting without control the largest hidden error is infinite, and so is what it does."""
+    done = calibrate(truth(FRAME, 2, 3), SelfCalibration())
+    snooping = done.snooping
+    snooping.detectable_px[1, 0] = snooping.effect_E[1] = np.inf
+    rows = csv_text(residual_names(done), residual_columns(done, 0.0)).splitlines()
+    cells = [dict(zip(rows[0].split(","), row.split(","), strict=True)) for row in rows[1:]]
+    assert (cells[1]["detectable_column_px"], cells[1]["effect_arcsec"]) == ("", "")
+    assert float(cells[1]["detectable_row_px"]) == pytest.approx(snooping.detectable_px[1, 1])
+    assert float(cells[0]["detectable_column_px"]) == pytest.approx(snooping.detectable_px[0, 0])
+
+
+def test_a_sighting_controlled_along_one_direction_is_tested_along_it(rng):
+    """Control of rank one, l u u^T: of the residual only what lies along u is judged, (u^T v)^2 / l."""
+    angle, strength = rng.uniform(0.0, np.pi, 20), rng.uniform(0.1, 1.0, 20)
+    u, v = np.stack([np.cos(angle), np.sin(angle)], axis=-1), rng.standard_normal((20, 2))
+    control = strength[:, None, None] * u[:, :, None] * u[:, None, :]
+    none, one = np.zeros((20, 6, 6)), np.zeros((20, 0))
+    tested = Reliability(
+        used=np.ones(20, dtype=bool),
+        v=v,
+        hat=np.eye(2) - control,
+        per_px=np.zeros((20, 2, 2)),
+        effect=np.zeros((20, 3, 2)),
+        image_error=one,
+        image_cofactor=none,
+        landmark_error=one,
+        landmark_cofactor=none,
+        repeated=np.zeros(0, dtype=int),
+    )
+    T, dof = tested.sightings
+    np.testing.assert_array_equal(dof, 1)
+    np.testing.assert_allclose(T, np.sum(u * v, axis=-1) ** 2 / strength, rtol=1e-9)
