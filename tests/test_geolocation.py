@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from xml.sax.saxutils import escape
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from starplumb.earth import itrf_to_geodetic
 from starplumb.errors import InputError
 from starplumb.geolocation import positions, terrain_below
 from starplumb.geometry import locate, stations
+from starplumb.io.geolocation import write_grid
 from starplumb.io.write_campaign import write_campaign
 from starplumb.terrain import ground_height
 
@@ -180,11 +182,50 @@ def test_the_command_writes_a_grid(written, tmp_path, ending):
             tags = [
                 file.tags()[f"{axis}_{name}"] for name in ("OFFSET", "STEP") for axis in ("PIXEL", "LINE")
             ]
-            assert tags == ["0.0", "0.0", "3000", "3000"]
+            assert tags == ["0.5", "0.5", "3000", "3000"]
             grid = file.read()
     for i, j in ((0, 0), (1, 3), (3, 2)):
         np.testing.assert_allclose(grid[:, i, j], point(run, path, 3000 * j, 3000 * i), atol=2e-9, rtol=0)
     assert [file.name for file in out.parent.iterdir()] == [out.name]
+
+
+WARPED = """<VRTDataset rasterXSize="5" rasterYSize="5" subClass="VRTWarpedDataset">
+<GeoTransform>10.095, 0.01, 0, 49.905, 0, -0.01</GeoTransform>
+<VRTRasterBand dataType="Float64" band="1" subClass="VRTWarpedRasterBand"/><BlockXSize>5</BlockXSize>
+<BlockYSize>5</BlockYSize><GDALWarpOptions><ResampleAlg>Bilinear</ResampleAlg>
+<WorkingDataType>Float64</WorkingDataType><SourceDataset>{image}</SourceDataset><Transformer><GenImgProjTransformer>
+<SrcGeoLocTransformer><GeoLocTransformer><Reversed>0</Reversed><Metadata>{tags}</Metadata></GeoLocTransformer>
+</SrcGeoLocTransformer><DstGeoTransform>10.095, 0.01, 0, 49.905, 0, -0.01</DstGeoTransform>
+<DstInvGeoTransform>-1009.5, 100, 0, 4990.5, 0, -100</DstInvGeoTransform></GenImgProjTransformer></Transformer>
+<BandList><BandMapping src="1" dst="1"/></BandList></GDALWarpOptions></VRTDataset>"""
+"""An image brought by its geolocation array to 5 x 5 pixels of 0.01 degrees, the first at 10.1 E, 49.9 N."""
+
+
+@pytest.mark.filterwarnings("ignore:Dataset has no geotransform")
+@pytest.mark.parametrize("every", [1, 4])
+def test_gdal_finds_the_pixels_by_the_grid(tmp_path, every):
+    """An image whose pixel (j, i) lies at 10 + 0.01 j E, 50 - 0.01 i N and has the value j + 100 i."""
+    pixel, grid, image = np.arange(41.0), tmp_path / "grid.tif", tmp_path / "image.tif"
+    latitude, longitude = np.meshgrid(
+        50.0 - 0.01 * pixel[::every], 10.0 + 0.01 * pixel[::every], indexing="ij"
+    )
+    place = np.stack([np.deg2rad(longitude), np.deg2rad(latitude), np.zeros(latitude.shape)], axis=-1)
+    assert write_grid(grid, [place], latitude.shape, every) == 0
+    with rasterio.open(image, "w", driver="GTiff", width=41, height=41, count=1, dtype="float64") as file:
+        file.write(pixel + 100.0 * pixel[:, None], 1)
+    with rasterio.open(grid) as file:
+        given = file.tags() | {
+            "X_DATASET": grid,
+            "Y_DATASET": grid,
+            "SRS": rasterio.crs.CRS.from_epsg(4326).to_wkt(),
+        }
+    tags = "".join(f'<MDI key="{key}">{escape(str(value))}</MDI>' for key, value in given.items())
+    (tmp_path / "warped.vrt").write_text(WARPED.format(image=image, tags=tags))
+    with rasterio.open(tmp_path / "warped.vrt") as file:
+        found = file.read(1)
+    np.testing.assert_allclose(
+        found, np.arange(10.0, 15.0) + 100.0 * np.arange(10.0, 15.0)[:, None], atol=0.02
+    )
 
 
 def test_a_grid_on_a_dem_says_what_it_lacks(written, tmp_path):

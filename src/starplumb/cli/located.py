@@ -117,7 +117,7 @@ def whole_image(view: View, path: Path, every: int, silent: bool) -> Told:
     blocks = positions(campaign, C_EK, view.image, row_px, column_px, below)
     watched = _watched(blocks, block_count(row_px, column_px), silent)
     shape, first = (row_px.size, column_px.size), view.loaded.shift_px
-    missing = write_grid(path, watched, shape, (first, first), every)
+    missing = write_grid(path, watched, shape, every)
     document = {
         "image_id": view.image_id,
         "mounting": view.mounting[2],

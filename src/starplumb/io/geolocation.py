@@ -27,19 +27,17 @@ def require_ending(path: Path) -> None:
         raise InputError(f"{path}: found the ending {path.suffix!r}, wanted {', '.join(ENDINGS)}")
 
 
-def write_grid(
-    path: Path, blocks: Iterable[Array], shape: tuple[int, int], first: tuple[float, float], every: int
-) -> int:
+def write_grid(path: Path, blocks: Iterable[Array], shape: tuple[int, int], every: int) -> int:
     """Write blocks of rows (r, c, 3) of longitude, latitude (rad) and height (m); returns how many pixels are NaN.
 
-    ``shape`` is (rows, columns), ``first`` the (column, row) of the first pixel as the user counts, ``every`` the
-    step. The file appears when it is whole.  Raises InputError where it cannot be written.
+    ``shape`` is (rows, columns), ``every`` the step in pixels.  The file appears when it is whole.  Raises InputError
+    where it cannot be written.
     """
     beside = path.with_name(f".{path.name}.{os.getpid()}.part{path.suffix}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         open_file = _array if path.suffix.lower() == ".npy" else _geotiff
-        with open_file(beside, shape, first, every) as put:
+        with open_file(beside, shape, every) as put:
             missing, at = 0, 0
             for block in blocks:
                 degrees = block * np.array([1.0 / DEG, 1.0 / DEG, 1.0])
@@ -57,7 +55,7 @@ def write_grid(
 
 
 @contextmanager
-def _array(path: Path, shape: tuple[int, int], first: tuple[float, float], every: int) -> Iterator[Any]:
+def _array(path: Path, shape: tuple[int, int], every: int) -> Iterator[Any]:
     """Writer of a NumPy file (3, rows, columns)."""
     grid = np.lib.format.open_memmap(path, mode="w+", dtype=np.float64, shape=(len(BANDS), *shape))
 
@@ -69,7 +67,7 @@ def _array(path: Path, shape: tuple[int, int], first: tuple[float, float], every
 
 
 @contextmanager
-def _geotiff(path: Path, shape: tuple[int, int], first: tuple[float, float], every: int) -> Iterator[Any]:
+def _geotiff(path: Path, shape: tuple[int, int], every: int) -> Iterator[Any]:
     """Writer of a GeoTIFF with a band each and the tags by which GDAL takes it as a geolocation array."""
     try:
         import rasterio
@@ -91,12 +89,8 @@ def _geotiff(path: Path, shape: tuple[int, int], first: tuple[float, float], eve
                 for band, name in enumerate(BANDS, 1):
                     file.set_band_description(band, name)
                 tags = {"X_BAND": 1, "Y_BAND": 2, "Z_BAND": 3, "SRS": "EPSG:4979"}
-                steps = {
-                    "PIXEL_OFFSET": first[0],
-                    "LINE_OFFSET": first[1],
-                    "PIXEL_STEP": every,
-                    "LINE_STEP": every,
-                }
+                # GDAL counts from the corner of the image, whatever the user does, and these are centres of pixels
+                steps = {"PIXEL_OFFSET": 0.5, "LINE_OFFSET": 0.5, "PIXEL_STEP": every, "LINE_STEP": every}
                 file.update_tags(**tags, **steps)
 
                 def put(at: int, block: Array) -> None:
