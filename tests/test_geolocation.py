@@ -273,6 +273,33 @@ def test_wrong_options_are_refused_in_a_sentence(written, more, says):
     assert "\n" not in str(told.exception)
 
 
+@pytest.mark.parametrize(
+    ("kind", "says"), [("frame", "wanted only these"), ("line", "wanted it told (--rows)")]
+)
+def test_rows_are_told_where_the_camera_does_not(tmp_path, kind, says):
+    """A line scanner goes on as long as it is switched on, a frame ends."""
+    campaign, _ = demo(kind, 1, 4)
+    path = write_campaign(tmp_path / "campaign", campaign)
+    arguments = [
+        "locate",
+        str(path),
+        "--image",
+        "image01",
+        "--grid",
+        str(tmp_path / "g.npy"),
+        "--every",
+        "500",
+    ]
+    with_rows = [*arguments, "--rows", "2001"]
+    wrong, right = (with_rows, arguments) if kind == "frame" else (arguments, with_rows)
+    refused = CliRunner().invoke(app, wrong)
+    assert isinstance(refused.exception, InputError)
+    assert says in str(refused.exception)
+    told = CliRunner().invoke(app, [*right, "--json"])
+    assert told.exit_code == 0, told.output
+    assert json.loads(told.stdout)["rows"] == (24 if kind == "frame" else 5)
+
+
 def test_a_folder_in_the_way_is_said(written, tmp_path):
     path, run = written
     (tmp_path / "ground.npy").mkdir()

@@ -108,7 +108,7 @@ C1, C2, C3, C4, C5 = 1.0 / 2.0, 1.0 / 12.0, 1.0 / 30.0, 1.0 / 56.0, 1.0 / 90.0
 
 
 def turn(v: Triple) -> Quaternion:
-    """Quaternion of the rotation by |v| about v, exact to rounding up to half a turn (to 1e-12 up to a whole).
+    """Quaternion of the rotation about v by its length, exact to rounding up to half a turn (to 1e-12 up to a whole).
 
     sin b / b and cos b of the half angle b from their series at b/8, then doubled three times
     (``sin 2b/2b = sin b/b cos b``, ``cos 2b = 1 - 2 sin^2 b``): no trigonometric call, which would not vectorise.
@@ -124,7 +124,7 @@ def turn(v: Triple) -> Quaternion:
 
 
 def unit(v: Triple) -> Triple:
-    """v / |v|."""
+    """v over its length."""
     scale = 1.0 / root(dot(v, v))
     return scale * v[0], scale * v[1], scale * v[2]
 

@@ -39,6 +39,10 @@ def locate(
     every: Annotated[
         int, typer.Option("--every", min=1, help="With --grid: pixels from one to the next.")
     ] = 1,
+    rows: Annotated[
+        int | None,
+        typer.Option("--rows", min=1, help="With --grid: how many rows, for a camera that does not say."),
+    ] = None,
     json: Json = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -85,7 +89,7 @@ def locate(
     below = None if dem is None else surface(dem, None if heights is None else heights.value, geoid)
     view = View.of(campaign, loaded, image, result, below, height_m or 0.0)
     if grid is not None:
-        document, lines, details = whole_image(view, grid, every, quiet or json)
+        document, lines, details = whole_image(view, grid, every, rows, quiet or json)
     elif pixel is not None:
         document, lines, details = single_pixel(view, pixel, sigma_px, sigma_height_m)
     speak.notices(loaded.notices)

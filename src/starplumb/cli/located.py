@@ -96,7 +96,7 @@ def _ground_height(view: View, ours: Array, pixel: tuple[float, float]) -> float
     return found
 
 
-def whole_image(view: View, path: Path, every: int, silent: bool) -> Told:
+def whole_image(view: View, path: Path, every: int, rows: int | None, silent: bool) -> Told:
     """Write the ground positions of every pixel, or of every few, with a progress bar on a terminal."""
     import numpy as np
 
@@ -106,10 +106,15 @@ def whole_image(view: View, path: Path, every: int, silent: bool) -> Told:
 
     require_ending(path)
     campaign, C_EK = view.loaded.campaign, view.mounting[0]
-    columns, rows = campaign.camera.size_px
-    if not np.isfinite(rows):
-        raise InputError(f"{view.file}: found no number of rows in the camera, wanted it for --grid")
-    column_px, row_px = np.arange(0.0, columns, every), np.arange(0.0, rows, every)
+    columns, stated = campaign.camera.size_px
+    if np.isfinite(stated) and rows is not None:
+        raise InputError(
+            f"--rows: found beside the {stated:g} rows that {view.file} states, wanted only these"
+        )
+    if rows is None and not np.isfinite(stated):
+        raise InputError(f"{view.file}: found no number of rows in the camera, wanted it told (--rows)")
+    height = stated if rows is None else float(rows)
+    column_px, row_px = np.arange(0.0, columns, every), np.arange(0.0, height, every)
     below: Any = view.height_m
     if view.surface is not None:
         step_m = view.surface.dem.step_m
