@@ -180,7 +180,9 @@ def test_the_command_writes_a_grid(written, tmp_path, ending):
         with rasterio.open(out) as file:
             assert file.descriptions == ("longitude_deg", "latitude_deg", "height_m")
             tags = [
-                file.tags()[f"{axis}_{name}"] for name in ("OFFSET", "STEP") for axis in ("PIXEL", "LINE")
+                file.tags(ns="GEOLOCATION")[f"{axis}_{name}"]
+                for name in ("OFFSET", "STEP")
+                for axis in ("PIXEL", "LINE")
             ]
             assert tags == ["0.5", "0.5", "3000", "3000"]
             grid = file.read()
@@ -214,7 +216,7 @@ def test_gdal_finds_the_pixels_by_the_grid(tmp_path, every):
     with rasterio.open(image, "w", driver="GTiff", width=41, height=41, count=1, dtype="float64") as file:
         file.write(pixel + 100.0 * pixel[:, None], 1)
     with rasterio.open(grid) as file:
-        given = file.tags() | {
+        given = file.tags(ns="GEOLOCATION") | {
             "X_DATASET": grid,
             "Y_DATASET": grid,
             "SRS": rasterio.crs.CRS.from_epsg(4326).to_wkt(),

@@ -164,4 +164,4 @@ def left_over(d: Design, C_image: Array, C_landmark: Array) -> Array:
 
 def _square(rows: Array) -> Array:
     flat = rows.reshape(-1, rows.shape[-1])
-    return np.asarray(flat.T @ flat)
+    return np.asarray(flat.mT @ flat)

@@ -116,7 +116,7 @@ def response(scenario: Scenario, estimator: Estimator, source: Source) -> Array:
         xi = np.zeros((rows.size, groups * q))
         xi[np.arange(rows.size), rows] = STEP
         answers.append(_theta(scenario, estimator, source, xi.reshape(-1, groups, q)))
-    return np.asarray(((np.concatenate(answers) - zero) / STEP).T.reshape(3, groups, q))
+    return np.asarray(((np.concatenate(answers) - zero) / STEP).mT.reshape(3, groups, q))
 
 
 def _theta(scenario: Scenario, estimator: Estimator, source: Source, xi: Array) -> Array:

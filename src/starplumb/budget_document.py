@@ -76,8 +76,8 @@ def _direction(scenario: Scenario, direction: Direction) -> dict[str, Any]:
     return {
         "sigma_arcsec": direction.sigma / ARCSEC,
         "axis_tracker": [float(value) for value in direction.axis_E],
-        "axis_camera": [float(value) for value in scenario.C_EK_true.T @ direction.axis_E],
-        "in_words": about(scenario.C_EK_true.T @ direction.axis_E),
+        "axis_camera": [float(value) for value in scenario.C_EK_true.mT @ direction.axis_E],
+        "in_words": about(scenario.C_EK_true.mT @ direction.axis_E),
     }
 
 
@@ -97,11 +97,11 @@ def words(scenario: Scenario, found: Budget) -> Iterator[str]:
     best, _, worst = directions(found.true_E)
     ratio = worst.sigma / best.sigma if best.sigma > 0.0 else np.inf
     causes = _causes(found, worst.axis_E)
-    how = about(scenario.C_EK_true.T @ worst.axis_E)
+    how = about(scenario.C_EK_true.mT @ worst.axis_E)
     if ratio > WEAK:
         yield (
             f"badly determined: {how}, {worst.sigma / ARCSEC:.3g} arcsec, {ratio:.2g} times as much as "
-            f"{about(scenario.C_EK_true.T @ best.axis_E)}; {causes}"
+            f"{about(scenario.C_EK_true.mT @ best.axis_E)}; {causes}"
         )
     else:
         yield f"no direction is badly determined; the weakest is {how}, {worst.sigma / ARCSEC:.3g} arcsec; {causes}"

@@ -135,7 +135,7 @@ def whitened_lens(W: Array, at: Any, numbers: LensNumbers) -> None:
 def fill(buffer: Array, C_EK: Nine, numbers: LensNumbers) -> None:
     """Make everything behind what was measured; with a lens to estimate, tangents and slopes are by the present one."""
     spare = spare_window(buffer)
-    estimated = numbers[3] > 0.0
+    estimated = numbers[3] != 0.0
     for start in range(0, buffer.shape[1], spare.shape[1]):
         W = window(buffer, start, spare, WHITENING)
         if estimated:

@@ -86,7 +86,7 @@ class Elimination:
             other[p.kept[first:last]] = blocks[nodes, :, nodes, :]
             Z = np.ascontiguousarray(diagonal[k])
             if k < len(above):
-                Z = np.block([[Z, above[k]], [above[k].T, diagonal[k + 1]]])
+                Z = np.block([[Z, above[k]], [above[k].mT, diagonal[k + 1]]])
             for gone, edges, rows in _spread(p, self.M, slice(begin, end), (first, first + Z.shape[0] // s)):
                 through = (rows @ Z).reshape(gone.stop - gone.start, e, -1, s)
                 node, place = p.row[edges] - gone.start, p.column[edges] - first

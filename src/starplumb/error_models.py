@@ -91,7 +91,7 @@ def fused_axes(trackers: tuple[Tracker, ...], fusion: Fusion) -> list[Array]:
     """
     if len(trackers) <= 1:
         return [tracker.C_EA for tracker in trackers]
-    covariance_E = np.stack([t.C_EA @ np.diag(t.sigma**2) @ t.C_EA.T for t in trackers])
+    covariance_E = np.stack([t.C_EA @ np.diag(t.sigma**2) @ t.C_EA.mT for t in trackers])
     weights = fusion_weights(covariance_E, np.ones(len(trackers), dtype=bool), fusion)
     return [W @ t.C_EA for W, t in zip(weights, trackers, strict=True)]
 

@@ -129,7 +129,8 @@ def ground_points(
     """Points p_J (n, 3) at a height above the ellipsoid seen in the apparent directions e_J (n, 3); NaN where none is.
 
     The light effects are undone by iteration: the point is moved until its apparent direction is the one wanted
-    (each pass gains five digits: half a millimetre is left of the first, what rounding leaves of the second).
+    (each pass gains five digits: half a millimetre is left of the first, of the second what rounding leaves, or a few
+    tenths of a millimetre where refraction grows steep above the horizon).
     """
     u_J = e_J
     p_J = intersect_ellipsoid(r_J, u_J, height)

@@ -43,6 +43,7 @@ def distort(x: Row, y: Row, lens: Lens) -> tuple[Row, Row, Row, Row, Row]:
 
 
 def start_search(W: Array, at: Any) -> None:
+    """The search for the ideal tangents begins at the distorted ones."""
     W[2, at] = W[0, at]
     W[3, at] = W[1, at]
 

@@ -41,11 +41,11 @@ class Linear:
         # V^-1 H through the factor: y = L^-1 H, V^-1 H = L^-T y
         L = np.linalg.cholesky(V)
         y = np.linalg.solve(L, H)
-        information = y.T @ y
+        information = y.mT @ y
         if self.scenario.prior_E is not None:
             information = information + np.linalg.inv(self.scenario.prior_E)
         covariance = np.linalg.inv(information)
-        return covariance, -covariance @ np.linalg.solve(L.T, y).T
+        return covariance, -covariance @ np.linalg.solve(L.mT, y).mT
 
     @property
     def covariance_E(self) -> Array:

@@ -139,7 +139,7 @@ def _interpolated(
         if np.nanmax(off, initial=0.0) < TOLERANCE_M * unit and np.all(np.isfinite(trial)):
             values = nodes.values(campaign, C_EK, image, row_px, exact)
             r, n, q = values.shape
-            product = np.moveaxis(values, 1, 2).reshape(r * q, n) @ nodes.weights(campaign, column_px).T
+            product = np.moveaxis(values, 1, 2).reshape(r * q, n) @ nodes.weights(campaign, column_px).mT
             return np.moveaxis(product.reshape(r, q, column_px.size), 1, 2)
         count *= 2
     name = campaign.images.ids[image]

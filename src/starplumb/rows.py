@@ -76,10 +76,12 @@ def put_window(buffer: Array, start: int, part: Array, rows: int) -> None:
 
 
 def dot(a: Triple, b: Triple) -> Row:
+    """a . b"""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 def cross(a: Triple, b: Triple) -> Triple:
+    """a x b"""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 

@@ -79,12 +79,12 @@ def combinations(o: Observations, estimate: AlignmentEstimate) -> list[Combinati
         return []
     turn = np.eye(p.covariance.shape[0])
     turn[:3, :3] = flight_axes(o, estimate.C_EK)
-    N = turn.T @ np.linalg.inv(p.covariance) @ turn
+    N = turn.mT @ np.linalg.inv(p.covariance) @ turn
     alone = 1.0 / np.sqrt(np.diagonal(N))
     values, vectors = np.linalg.eigh(N * alone[:, None] * alone[None, :])
     words = [*TURNS, *(worded(name) for name in p.names)]
     found: list[Combination] = []
-    for value, vector in zip(values, np.abs(vectors.T), strict=True):
+    for value, vector in zip(values, np.abs(vectors.mT), strict=True):
         growth = float(1.0 / np.sqrt(max(float(value), 1e-30)))
         if growth >= TOLD:
             members = np.flatnonzero(vector >= MEMBER * np.max(vector))

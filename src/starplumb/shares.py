@@ -102,7 +102,7 @@ def _has_prior(c: Calibration) -> bool:
 def _square(rows: Array) -> Array:
     """Sum of K K^T, K (n, 3, 2)."""
     flat = np.swapaxes(rows, 0, 1).reshape(3, -1)
-    return np.asarray(flat @ flat.T)
+    return np.asarray(flat @ flat.mT)
 
 
 def _through(slopes: Array, covariance: Array) -> Array:

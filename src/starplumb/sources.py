@@ -188,7 +188,7 @@ class Effect:
         """Covariance of all residuals by this source, (2 n, 2 n) px^2."""
         flat = self.block.reshape(-1, self.block.shape[-1])
         same = np.repeat(self.group, 2)
-        return np.asarray((flat @ flat.T) * (same[:, None] == same[None, :]))
+        return np.asarray((flat @ flat.mT) * (same[:, None] == same[None, :]))
 
     def columns(self) -> Array:
         """Residuals by a unit draw of each group and coordinate, (n, 2, groups q)."""

@@ -58,7 +58,7 @@ def sigma_at(t_ns: Epochs, samples_t_ns: Epochs, sigma: Array) -> Array:
     if sigma.ndim == 1:
         return sigma
     at, known = seconds(t_ns - samples_t_ns[0]), seconds(samples_t_ns - samples_t_ns[0])
-    return np.stack([np.interp(at, known, column) for column in sigma.T], axis=-1)
+    return np.stack([np.interp(at, known, column) for column in sigma.mT], axis=-1)
 
 
 def fusion_weights(covariance_E: Array, used: Mask, fusion: Fusion) -> Array:

@@ -42,7 +42,7 @@ class BlockTridiagonal:
             L, _ = cho_factor(D, lower=True, overwrite_a=True, check_finite=False)
             factors.append(L)
             if k < len(below):
-                J = -cho_solve((L, True), below[k].T, check_finite=False)
+                J = -cho_solve((L, True), below[k].mT, check_finite=False)
                 diagonal[k + 1] += below[k] @ J
                 back.append(J)
         return cls(factors, back)
@@ -61,7 +61,7 @@ class BlockTridiagonal:
         for k in range(len(self.L)):
             parts[k] = right[at[k] : at[k + 1]] + carried if k else right[at[k] : at[k + 1]]
             if k < len(self.J):
-                carried = self.J[k].T @ parts[k]
+                carried = self.J[k].mT @ parts[k]
         for k in reversed(range(len(self.L))):
             parts[k] = cho_solve((self.L[k], True), parts[k], check_finite=False)
             if k < len(self.J):
@@ -78,6 +78,6 @@ class BlockTridiagonal:
             own = cho_solve((self.L[k], True), np.eye(self.L[k].shape[0]), check_finite=False)
             if k < len(self.J):
                 above[k] = self.J[k] @ diagonal[k + 1]
-                own += above[k] @ self.J[k].T
+                own += above[k] @ self.J[k].mT
             diagonal[k] = own
         return diagonal, above

@@ -231,8 +231,8 @@ def _distance(a: tuple[Array, Array, Array], b: tuple[Array, Array, Array]) -> A
     def between(i: int, j: int) -> Array:
         own = a[1][:, None, i, j] + b[1][None, :, i, j]
         squares = [np.sum(U[:, i] * U[:, j], axis=-1) for _, _, U in (a, b)]
-        cross = a[2][:, i] @ b[2][:, j].T
-        mixed = cross + (cross if i == j else a[2][:, j] @ b[2][:, i].T)
+        cross = a[2][:, i] @ b[2][:, j].mT
+        mixed = cross + (cross if i == j else a[2][:, j] @ b[2][:, i].mT)
         return np.asarray(own + squares[0][:, None] + squares[1][None, :] - mixed)
 
     xx, xy, yy = between(0, 0), between(0, 1), between(1, 1)

@@ -195,7 +195,7 @@ _STRAIGHT_DOWN = np.array([1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
 
 def _decompose(a: Array) -> tuple[Array, Array]:
     """(11), (10): rotation C' (..., 3, 3) from T to the source's camera, and q (...)."""
-    first, second = a @ _FIRST.T, a @ _SECOND.T
+    first, second = a @ _FIRST.mT, a @ _SECOND.mT
     q = 0.5 * (np.linalg.norm(first, axis=-1) + np.linalg.norm(second, axis=-1))
     first, second = first / q[..., None], second / q[..., None]
     return so3.nearest(np.stack([first, second, np.cross(first, second)], axis=-1)), q

@@ -151,8 +151,8 @@ def _require_whole_images(path: Path, fused: FusedAttitude, exposures: Exposures
     used = fused.used(exposures.t_ns)
     whole = np.ones((len(names), len(fused.trackers)), dtype=np.bool_)
     some = np.zeros_like(whole)
-    np.logical_and.at(whole, image, used.T)
-    np.logical_or.at(some, image, used.T)
+    np.logical_and.at(whole, image, used.mT)
+    np.logical_or.at(some, image, used.mT)
     told = []
     for j, tracker in enumerate(fused.trackers):
         if np.any(part := some[:, j] & ~whole[:, j]):

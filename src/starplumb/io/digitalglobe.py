@@ -132,7 +132,7 @@ def _timing(imd: Node, rows: int) -> tuple[int, float]:
         raise image.need("TLCListList").error(
             "the time of one row", "those of two, which show the way of the scan"
         )
-    row, seconds = np.stack([node.numbers(2) for node in listed]).T
+    row, seconds = np.stack([node.numbers(2) for node in listed]).mT
     if np.any(np.diff(row) <= 0.0):
         raise image.need("TLCListList").error("rows that do not increase", "a table of the times of rows")
     period = float((seconds[-1] - seconds[0]) / (row[-1] - row[0]))

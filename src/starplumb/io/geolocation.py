@@ -91,7 +91,7 @@ def _geotiff(path: Path, shape: tuple[int, int], every: int) -> Iterator[Any]:
                 tags = {"X_BAND": 1, "Y_BAND": 2, "Z_BAND": 3, "SRS": "EPSG:4979"}
                 # GDAL counts from the corner of the image, whatever the user does, and these are centres of pixels
                 steps = {"PIXEL_OFFSET": 0.5, "LINE_OFFSET": 0.5, "PIXEL_STEP": every, "LINE_STEP": every}
-                file.update_tags(**tags, **steps)
+                file.update_tags(ns="GEOLOCATION", **tags, **steps)
 
                 def put(at: int, block: Array) -> None:
                     file.write(block, window=Window(0, at, block.shape[2], block.shape[1]))

@@ -33,7 +33,7 @@ def attitude_files(campaign: Campaign, scale: str) -> dict[str, str]:
         order = np.argsort(campaign.images.t_ns)
         at = (attitude.t_ns - attitude.t_ns[0]) * 1e-9
         known = (campaign.images.t_ns[order] - attitude.t_ns[0]) * 1e-9
-        sigma = np.stack([np.interp(at, known, column) for column in sigma[order].T], axis=-1)
+        sigma = np.stack([np.interp(at, known, column) for column in sigma[order].mT], axis=-1)
     return {"attitude.csv": _table(attitude, sigma if sigma.ndim == 2 else None, scale)}
 
 
@@ -67,9 +67,9 @@ def _file(i: int) -> str:
 
 def _table(attitude: Attitude, sigma: Array | None, scale: str) -> str:
     """Samples with their sigmas (n, 3) rad, where they have sigmas of their own."""
-    header, columns = ["time", *QUATERNION], [times(attitude.t_ns, scale), *attitude.q_EF.T]
+    header, columns = ["time", *QUATERNION], [times(attitude.t_ns, scale), *attitude.q_EF.mT]
     if sigma is not None:
-        header, columns = [*header, *SIGMA_ATTITUDE], [*columns, *(sigma / ARCSEC).T]
+        header, columns = [*header, *SIGMA_ATTITUDE], [*columns, *(sigma / ARCSEC).mT]
     return csv_text(header, columns)
 
 

@@ -70,9 +70,9 @@ def _ephemeris(campaign: Campaign, scale: str) -> str:
         C_IJ = campaign.orientation.C_IJ(t_ns)
         v = None if v is None else np.einsum("nij,nj->ni", C_IJ, inertial_velocity(r, v))
         r = np.einsum("nij,nj->ni", C_IJ, r)
-    header, columns = ["time", *CARTESIAN], [times(t_ns, scale), *r.T]
+    header, columns = ["time", *CARTESIAN], [times(t_ns, scale), *r.mT]
     if v is not None:
-        header, columns = [*header, *VELOCITY], [*columns, *v.T]
+        header, columns = [*header, *VELOCITY], [*columns, *v.mT]
     return csv_text(header, columns)
 
 
@@ -87,7 +87,7 @@ def _landmarks(landmarks: Landmarks) -> str:
     sigma = np.array(rounded).reshape(exact.shape)  # which an empty list has lost
     names, sigmas = (SIGMA_ENU, sigma) if np.ptp(sigma, axis=-1).any() else (("sigma_m",), sigma[:, :1])
     place = (latitude / DEG, longitude / DEG, height)
-    return csv_text(("landmark_id", *GEODETIC, *names), (landmarks.ids, *place, *sigmas.T))
+    return csv_text(("landmark_id", *GEODETIC, *names), (landmarks.ids, *place, *sigmas.mT))
 
 
 def _images(campaign: Campaign, scale: str) -> str:

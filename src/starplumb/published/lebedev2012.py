@@ -48,7 +48,7 @@ def truth(setting: dict[str, Any], nadir: Nadir) -> Observations:
 
 def error_E(estimator: Estimator, table: Observations, C_EK_model: Array) -> Array:
     """Error of the estimate about E (..., 3), rad."""
-    return so3.log(estimator(table, C_EK_model).C_EK @ C_EK_TRUE.T)
+    return so3.log(estimator(table, C_EK_model).C_EK @ C_EK_TRUE.mT)
 
 
 def deviation(errors: Array) -> Recomputed:
@@ -69,7 +69,7 @@ def sensitivity(trials: int, rng: np.random.Generator) -> Comparison:
     nadir = Nadir.over(document["orbit"], setting["height_km"] * 1e3)
     table = truth(setting, nadir)
     errors = Errors.draw(table, rng, (trials,))
-    C_EI = (C_JI @ orbital_axes(nadir.u, nadir.node, nadir.inclination)).T @ C_JI
+    C_EI = (C_JI @ orbital_axes(nadir.u, nadir.node, nadir.inclination)).mT @ C_JI
     methods: dict[str, Estimator] = {"": CrossProduct(covariance="none"), "gls": Gls()}
     rows: dict[str, list[Row]] = {name: [] for name in methods}
     for row in published("sensitivity"):
@@ -129,7 +129,7 @@ def totals(trials: int, rng: np.random.Generator) -> Comparison:
         ours = deviation(error_E(estimator, measured, C_EK_model) / ARCSEC)
         rows.append(judge(label, COLUMNS, figures, ours, setting["total_tolerance"] * ours.value))
     gls = Gls()(measured, C_EK_model)
-    rows.append(Row("gls", deviation(so3.log(gls.C_EK @ C_EK_TRUE.T) / ARCSEC)))
+    rows.append(Row("gls", deviation(so3.log(gls.C_EK @ C_EK_TRUE.mT) / ARCSEC)))
     sigma = Gls()(table, C_EK_TRUE).sigma_E
     if sigma is not None:
         rows.append(

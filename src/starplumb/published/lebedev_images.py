@@ -146,7 +146,7 @@ def _images(table: Observations, keep: NDArray[np.bool_]) -> Observations:
 
 
 def _series(C_EK: Array, figure: str, size: int) -> Recomputed:
-    errors = so3.log(C_EK @ C_EK_TRUE.T) / ARCSEC
+    errors = so3.log(C_EK @ C_EK_TRUE.mT) / ARCSEC
     series = errors[: len(errors) // size * size].reshape(-1, size, 3)
     statistic = series.std(axis=1, ddof=1) if figure == "sigma" else np.abs(series).max(axis=1)
     return Recomputed.of_series(statistic)

@@ -87,13 +87,13 @@ def _rounded(table: Observations, rng: np.random.Generator, trials: int) -> Obse
 def _errors(runs: Observations, nadir: Nadir, time_s: float) -> Array:
     """Angle of the attitude's error, arcsec, and length of the position's, m: (runs, 2)."""
     estimate = Projective(heights="removed")(runs, C_EK_TRUE)
-    angle = np.linalg.norm(so3.log(estimate.C_EK @ C_EK_TRUE.T), axis=-1) / ARCSEC
+    angle = np.linalg.norm(so3.log(estimate.C_EK @ C_EK_TRUE.mT), axis=-1) / ARCSEC
     r_J, _ = nadir.at(time_s)
     return np.stack([angle, np.linalg.norm(estimate.r_J[..., 0, :] - r_J, axis=-1)], axis=-1).reshape(-1, 2)
 
 
 def _gls(runs: Observations) -> Array:
-    angle = np.linalg.norm(so3.log(Gls()(runs, C_EK_TRUE).C_EK @ C_EK_TRUE.T), axis=-1) / ARCSEC
+    angle = np.linalg.norm(so3.log(Gls()(runs, C_EK_TRUE).C_EK @ C_EK_TRUE.mT), axis=-1) / ARCSEC
     return np.stack([angle, np.full_like(angle, np.nan)], axis=-1)
 
 

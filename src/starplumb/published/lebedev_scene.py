@@ -69,7 +69,7 @@ class Nadir:
         start = C_JI @ orbital_axes(self.u, self.node, self.inclination)
         # the arc is laid from the point above the site, so that nadir is nadir on the ellipsoid too
         r_J = self.site_J + self.height * start[:, 2] + radius * (now[:, 2] - start[:, 2])
-        return r_J, now.T
+        return r_J, now.mT
 
 
 def orbital_axes(u: float, node: float, inclination: float) -> Array:
@@ -90,7 +90,7 @@ def photographs(
     ``attitude_E`` (3, 3) rad^2, ``position`` m, ``landmark`` m, ``pixel`` px.
     """
     r_J, C_EJ = nadir.at(time_s)
-    p_J = nadir.site_J + np.asarray(marker_T) @ nadir.C_JT.T
+    p_J = nadir.site_J + np.asarray(marker_T) @ nadir.C_JT.mT
     n, m = image.size, int(image.max()) + 1
     zero, r_J = np.zeros((n, 3)), np.broadcast_to(r_J, (n, 3))
     geometry = {"r_J": r_J, "v_J": zero, "C_EJ": np.broadcast_to(C_EJ, (n, 3, 3)), "omega_E": zero}

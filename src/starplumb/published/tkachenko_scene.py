@@ -124,12 +124,12 @@ class Runs:
     @property
     def C_EK_true(self) -> Array:
         """``exp(-theta_E) C_EK_MODEL`` (runs, 3, 3)."""
-        return so3.from_quaternion(self.rows[:4].T)
+        return so3.from_quaternion(self.rows[:4].mT)
 
     @property
     def theta_E(self) -> Array:
         """Initial errors (runs, 3) rad."""
-        return np.asarray(self.scene.sigma[0] * self.Z[:3].T)
+        return np.asarray(self.scene.sigma[0] * self.Z[:3].mT)
 
     @property
     def observations(self) -> Observations:

@@ -153,14 +153,14 @@ def ground_scatter(c: Calibration) -> tuple[Figure, ...]:
         return ()
     used, check = c.residuals.used, c.campaign.sightings.check
     groups = [
-        Points(name, *c.residuals.after_m[chosen].T)
+        Points(name, *c.residuals.after_m[chosen].mT)
         for name, chosen in (("control", used), ("check", check), ("rejected", ~used & ~check))
         if np.any(chosen)
     ]
     control = c.residuals.after_m[used & np.all(np.isfinite(c.residuals.after_m), axis=-1)]
     ellipses = []
     if len(control) > 2:
-        spread = np.cov(control.T)
+        spread = np.cov(control.mT)
         ellipses = [Ellipse("90 % of the control points", np.mean(control, axis=0), spread, 0.9)]
     accuracy = c.accuracy(after=True)
     ce90 = "CE90 not known" if accuracy is None else f"CE90 {length(accuracy.ce90)}"

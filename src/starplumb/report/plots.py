@@ -95,8 +95,8 @@ def vectors(
         arrows = None
         for group, colour in ((~marked, SERIES[0]), (marked, SERIES[1])):
             drawn = axes.quiver(
-                *start[group].T,
-                *(vector[group] / key).T,
+                *start[group].mT,
+                *(vector[group] / key).mT,
                 color=colour,
                 angles="uv" if not downwards else "xy",
                 scale=long / key / LONG_ARROW if long > 0.0 else 1.0,
@@ -144,7 +144,7 @@ def scatter(
                 x[chosen], y[chosen], marker, color=colour, markersize=3.5, label=group.name, fillstyle="none"
             )
         for ellipse, style in zip(ellipses, ("-", "--", ":", "-."), strict=False):
-            axes.plot(*outline(ellipse).T, style, color=INK, label=ellipse.name)
+            axes.plot(*outline(ellipse).mT, style, color=INK, label=ellipse.name)
         if ticks:
             axes.set_xticks(range(len(ticks)), list(ticks), rotation=60 if max(map(len, ticks)) > 2 else 0)
         if equal:
