@@ -36,14 +36,15 @@ def compare(
 
       starplumb compare campaign.toml --json --out results
     """
-    from ..comparison import compare as run
+    from ..comparison import answers as run
     from ..errors import AlignmentFailed
+    from ..estimators import METHODS
     from ..io.campaign import load_campaign
     from ..io.write import json_text, write_text
 
     speak = Output(json, quiet, verbose)
     loaded = load_campaign(campaign)
-    answers = run(loaded.campaign)
+    answers = tuple(speak.watched(run(loaded.campaign), "Comparing", len(METHODS)))
     speak.notices(loaded.notices)
     document = _document(answers, loaded)
     if out is not None:

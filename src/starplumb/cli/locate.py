@@ -89,7 +89,7 @@ def locate(
     below = None if dem is None else surface(dem, None if heights is None else heights.value, geoid)
     view = View.of(campaign, loaded, image, result, below, height_m or 0.0)
     if grid is not None:
-        document, lines, details = whole_image(view, grid, every, rows, quiet or json)
+        document, lines, details = whole_image(view, grid, every, rows, speak)
     elif pixel is not None:
         document, lines, details = single_pixel(view, pixel, sigma_px, sigma_height_m)
     speak.notices(loaded.notices)

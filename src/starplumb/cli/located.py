@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from .output import Output
 
 if TYPE_CHECKING:
     from ..io.campaign import LoadedCampaign
@@ -96,7 +97,7 @@ def _ground_height(view: View, ours: Array, pixel: tuple[float, float]) -> float
     return found
 
 
-def whole_image(view: View, path: Path, every: int, rows: int | None, silent: bool) -> Told:
+def whole_image(view: View, path: Path, every: int, rows: int | None, speak: Output) -> Told:
     """Write the ground positions of every pixel, or of every few, with a progress bar on a terminal."""
     import numpy as np
 
@@ -120,7 +121,7 @@ def whole_image(view: View, path: Path, every: int, rows: int | None, silent: bo
         step_m = view.surface.dem.step_m
         below = terrain_below(campaign, C_EK, view.image, row_px, column_px, view.surface.at, step_m)
     blocks = positions(campaign, C_EK, view.image, row_px, column_px, below)
-    watched = _watched(blocks, block_count(row_px, column_px), silent)
+    watched = speak.watched(blocks, "Locating", block_count(row_px, column_px))
     shape, first = (row_px.size, column_px.size), view.loaded.shift_px
     missing = write_grid(path, watched, shape, every)
     document = {
@@ -140,15 +141,6 @@ def whole_image(view: View, path: Path, every: int, rows: int | None, silent: bo
     if missing:
         lines.append(f"{missing} of them have no ground in the DEM and are NaN")
     return document, lines, []
-
-
-def _watched(blocks: Iterable[Array], count: int, silent: bool) -> Iterable[Array]:
-    from rich.console import Console
-    from rich.progress import track
-
-    console = Console(stderr=True)
-    hidden = silent or not console.is_terminal
-    return track(blocks, "Locating", total=count, console=console, transient=True, disable=hidden)
 
 
 def _require_inside(loaded: LoadedCampaign, column: float, row: float) -> None:

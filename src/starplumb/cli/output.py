@@ -6,7 +6,7 @@ import json
 import sys
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
 
@@ -19,6 +19,8 @@ Json = Annotated[
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")]
 Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Say more: what was read, and each step.")]
 
+
+Item = TypeVar("Item")
 
 PIPE_WIDTH = 120
 """Columns of a table that no terminal shows: the same whatever it is piped into."""
@@ -59,3 +61,12 @@ class Output:
         if not self.quiet:
             for notice in notices:
                 print(f"starplumb: note: {' '.join(notice.split())}", file=sys.stderr)
+
+    def watched(self, items: Iterable[Item], doing: str, total: int) -> Iterable[Item]:
+        """The items of long work with a progress bar on a terminal's standard error, none in a pipe."""
+        from rich.console import Console
+        from rich.progress import track
+
+        console = Console(stderr=True)
+        silent = self.quiet or not console.is_terminal
+        return track(items, doing, total=total, console=console, transient=True, disable=silent)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -50,7 +49,7 @@ def reproduce(
     wanted = names or list(TABLES)
     output.detail(f"{trials} runs of each table, seed {seed}")
     tables = []
-    for table in _watched(recompute(wanted, trials, seed), len(wanted), quiet):
+    for table in output.watched(recompute(wanted, trials, seed), "Recomputing", len(wanted)):
         tables.append(table)
         output.show(_rendered(table), *_remarks(table), "")
     counts = verdicts(tables)
@@ -59,16 +58,6 @@ def reproduce(
     if out is not None:
         write_text(out / "reproduce.json", json_text(result))
     output.document(result)
-
-
-def _watched(tables: Iterator[Comparison], count: int, quiet: bool) -> Iterable[Comparison]:
-    """The tables with a progress bar on a terminal's standard error, none in a pipe."""
-    from rich.console import Console
-    from rich.progress import track
-
-    console = Console(stderr=True)
-    silent = quiet or not console.is_terminal
-    return track(tables, "Recomputing", total=count, console=console, transient=True, disable=silent)
 
 
 def _rendered(comparison: Comparison) -> str:
