@@ -34,7 +34,8 @@ class Observations:
     row_rate_E      (..., n, 3)     d e_E / d row, from the motion during the scan
     range_m         (..., n)        distance from camera to marker
     sigma_px        (..., n)        standard deviation of column and of row, pixels
-    weight          (..., n)        1, or 0 for a marker that was not seen, so that every batch is rectangular
+    weight          (..., n)        1, or 0 for a marker that was not seen (its numbers are finite, but of no
+                                    consequence), so that every batch is rectangular
     =============== =============== ================================================================================
 
     Shared errors: ``cov_attitude_E`` (..., m, 3, 3) rad^2 about E's axes, ``cov_position_J`` (..., m, 3, 3) m^2,
