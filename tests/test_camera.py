@@ -163,3 +163,16 @@ def test_batches(camera, shape, rng):
     assert camera.px_from_tan(xy).shape == (*shape, 2)
     one, _ = camera.tan_from_px(column.flat[0], row.flat[0])
     np.testing.assert_allclose(xy.reshape(-1, 2)[0], one, atol=1e-16)
+
+
+def test_a_lens_is_straightened_to_rounding(rng):
+    """As far as its own formula, written out, bends it: the search ends when its next step would be below rounding."""
+    x, y = rng.uniform(-0.11, 0.11, (2, 400))
+    bent = np.stack(opencv(x, y, LENS.k, LENS.p), axis=-1)
+    ideal, slope = LENS.remove(bent)
+    np.testing.assert_allclose(ideal, np.stack([x, y], axis=-1), atol=1e-12, rtol=0)
+    h = 1e-6
+    for axis in range(2):
+        step = h * np.eye(2)[axis]
+        quotient = (LENS.remove(bent + step)[0] - LENS.remove(bent - step)[0]) / (2.0 * h)
+        np.testing.assert_allclose(slope[..., axis], quotient, atol=1e-6)
