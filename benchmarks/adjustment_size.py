@@ -36,9 +36,11 @@ IMAGES = 40
 """Images of the scene that is repeated, each time with errors of its own."""
 
 
-def table(n: int, rng: np.random.Generator) -> Observations:
+def table(n: int, rng: np.random.Generator, sigma_px: float | None = None) -> Observations:
     """n sightings of landmarks of their own: a scene of 40 images again and again, with fresh errors."""
     true = observe(marked(photographed(IMAGES), MARKERS, rng))
+    if sigma_px is not None:
+        true = replace(true, sigma_px=np.full(true.n, sigma_px))
     repeats = max(1, n // true.n)
     parts = [measure(true, C_EK_TRUE, Errors.draw(true, rng)) for _ in range(repeats)]
     per_sighting = ("xy_K", "slope_K", "line_period_s", "C_EJ", "omega_E", "r_J", "v_J", "p_J", "e_E")

@@ -28,11 +28,13 @@ SETS = {
 }
 
 
-def normalised(calibration: SelfCalibration, n: int, rng: np.random.Generator) -> tuple[np.ndarray, float]:
+def normalised(
+    calibration: SelfCalibration, n: int, sigma_px: float, rng: np.random.Generator
+) -> tuple[np.ndarray, float]:
     """Errors over sigmas (k,) of one campaign, and its normalised error squared."""
     axis = rng.standard_normal(3)
     model = so3.exp(DEG * axis / np.linalg.norm(axis)) @ C_EK_TRUE
-    estimate = calibration(table(n, rng), model)
+    estimate = calibration(table(n, rng, sigma_px), model)
     error, covariance = so3.log(estimate.C_EK @ C_EK_TRUE.mT), estimate.covariance_E
     if estimate.parameters is not None:
         error = np.concatenate([error, estimate.parameters.values])
@@ -48,6 +50,7 @@ def main() -> None:
     )
     parser.add_argument("--campaigns", type=int, default=1000)
     parser.add_argument("--sizes", type=int, nargs="*", default=[12_000, 100_000])
+    parser.add_argument("--sigma-px", type=float, default=0.3, help="noise of a column and of a row")
     arguments = parser.parse_args()
     print("| sightings | unknown | sd of error / sigma x, y, z | worst of the others | squared / unknowns |")
     print("|---|---|---|---|---|", flush=True)
@@ -55,7 +58,7 @@ def main() -> None:
         for number, (name, parameters) in enumerate(SETS.items()):
             calibration = SelfCalibration(parameters, compiled=True)
             runs = [
-                normalised(calibration, n, np.random.default_rng([n, number, run]))
+                normalised(calibration, n, arguments.sigma_px, np.random.default_rng([n, number, run]))
                 for run in range(arguments.campaigns)
             ]
             errors, squared = np.array([run[0] for run in runs]), np.array([run[1] for run in runs])

@@ -7,6 +7,7 @@ the truth is what the campaign states plus the value.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Protocol
 
@@ -69,6 +70,15 @@ class Moves:
         if self.shift_J is not None:
             parts.append(model.R @ self.shift_J)
         return np.asarray(sum(parts))
+
+
+def split(parameters: Sequence[Parameter], values: Array) -> list[tuple[Parameter, Array]]:
+    """Each parameter with its own of the values (..., p) of all."""
+    ends = np.cumsum([len(parameter.names) for parameter in parameters]).tolist()
+    return [
+        (parameter, values[..., end - len(parameter.names) : end])
+        for parameter, end in zip(parameters, ends, strict=True)
+    ]
 
 
 OPTICS = ("focal_length", "principal_column", "principal_row", "k1", "k2", "k3", "p1", "p2")

@@ -19,7 +19,7 @@ from .adjustment import invert_information
 from .design_rows import COLUMN, LENS, NO_LENS, PER_RAD, ROW, ROWS, WHITENING, filler, load
 from .model import Nine
 from .observations import PER_SIGHTING, Observations
-from .parameters import OPTICS, Moves, Optics, Parameter
+from .parameters import OPTICS, Moves, Optics, Parameter, split
 from .whitening import square_root
 
 Array = NDArray[np.float64]
@@ -96,7 +96,7 @@ def _rows(order: Index | None, starts: Index, count: int) -> list[Rows]:
     if order is not None or not together:
         rows = (starts[:, None] + np.arange(count)).reshape(-1)
         rows = rows if order is None else order[rows]
-    step = max(CHUNK, 1) if starts.size == 1 else end - begin
+    step = CHUNK if starts.size == 1 else end - begin
     cuts = range(0, count * starts.size, step)
     if rows is None:
         return [slice(begin + at, min(begin + at + step, end)) for at in cuts]
@@ -146,36 +146,39 @@ class Stream:
 
         Of (z, H, R) with all of them image by image (g, 7, f), of the others with all of them in sum (f - 7, f).
         """
-        o, lens, at = self.observations, NO_LENS, 0
+        o, own, lens = self.observations, split(self.parameters, values), NO_LENS
         if any(not isinstance(parameter, Optics) for parameter in self.parameters):
             o, rows = part(o, rows), slice(None)
-        own = []
-        for parameter in self.parameters:
-            own.append(values[at : at + len(parameter.names)])
-            at += len(parameter.names)
+        for parameter, value in own:
             if isinstance(parameter, Optics):
-                lens = parameter.through(own[-1])
+                lens = parameter.through(value)
             else:
-                o = parameter.apply(o, own[-1])
+                o = parameter.apply(o, value)
         W = np.empty((ROWS, o.image[rows].size))
         load(W, o, rows)
         filler(self.compiled)(W, cast("Nine", tuple(C_EK.reshape(-1).tolist())), lens)
-        width, rest = LENS, list(zip(self.parameters, own, strict=True))
-        if rest and isinstance(rest[0][0], Optics) and rest[0][0].names == OPTICS:
-            width, rest = LENS + len(OPTICS), rest[1:]  # a whole lens stands where it should already
-        pairs = [(W[COLUMN : COLUMN + width], W[ROW : ROW + width])]
-        for parameter, value in rest:
-            if isinstance(parameter, Optics):
-                places = LENS + np.array(parameter.places)
-                pairs.append((W[COLUMN + places], W[ROW + places]))
-            else:
-                pairs.append(_moved(W, parameter.moves(o, value)))
+        pairs = _design(W, o, own)
         if o.common_px is not None:
             pairs.append(_whitened(W, o.common_px[rows]))
         return _multiplied([_joined(axis) for axis in zip(*pairs, strict=True)], images)
 
 
 Pair = tuple[Array, Array]
+
+
+def _design(W: Array, o: Observations, own: Sequence[tuple[Parameter, Array]]) -> list[Pair]:
+    """Whitened rows of columns and of rows: z, H, R, then those of the parameters in their order."""
+    width = LENS
+    if own and isinstance(own[0][0], Optics) and own[0][0].names == OPTICS:
+        width, own = LENS + len(OPTICS), own[1:]  # a whole lens stands where it should already
+    pairs = [(W[COLUMN : COLUMN + width], W[ROW : ROW + width])]
+    for parameter, value in own:
+        if isinstance(parameter, Optics):
+            places = LENS + np.array(parameter.places)
+            pairs.append((W[COLUMN + places], W[ROW + places]))
+        else:
+            pairs.append(_moved(W, parameter.moves(o, value)))
+    return pairs
 
 
 def _moved(W: Array, moves: Moves) -> Pair:

@@ -7,7 +7,7 @@ gives the same bits.  What is kept of it is its :class:`Tally` per estimator and
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any
 
@@ -208,7 +208,3 @@ class Study:
             if self.keep_samples:
                 arrays |= {f"{name}/samples/{f.name}": getattr(samples, f.name) for f in fields(samples)}
         return arrays
-
-    def extended(self, trials: int) -> Study:
-        """The same study with more or fewer trials; whole chunks are the same."""
-        return replace(self, trials=trials)

@@ -67,8 +67,9 @@ class Fit:
 
     def parts(self) -> Iterator[tuple[Index, tuple[Observations, Linearised, Array]]]:
         """Rows of whole images, and the table, linearisation and design of each."""
+        every = np.arange(self.table.n)
         for _, pieces in blocks(self.table):
-            rows = np.concatenate([np.arange(self.table.n)[rows] for rows in pieces])
+            rows = np.concatenate([every[rows] for rows in pieces])
             yield rows, self.linear(part(self.table, rows))
 
     def portions(self) -> Iterator[Portion]:

@@ -132,10 +132,10 @@ class _Search:
         """Of the sightings that agree, those in the largest cluster of residuals of their image."""
         uncertain, kept = self._uncertainty(found), np.zeros(self.o.n, dtype=bool)
         for rows, (table, model, A) in self.at(state, found.agree).parts():
-            place, agree = np.arange(self.o.n)[rows], found.agree[rows]
+            agree = found.agree[rows]
             V, U = own_covariance(table, model), A[..., : uncertain.size] * uncertain
             for mine in members(table.image, agree):
-                kept[place[mine]] = cluster(model.z_px[mine], V[mine], U[mine])
+                kept[rows[mine]] = cluster(model.z_px[mine], V[mine], U[mine])
         return kept
 
     def _uncertainty(self, found: Consensus) -> Array:

@@ -12,7 +12,7 @@ from .. import so3
 from ..adjustment import Adjustment, is_large, solve, solve_large
 from ..model import Linearised, linearise
 from ..observations import Observations
-from ..parameters import Parameter
+from ..parameters import Parameter, split
 from ..portions import reader
 from ..streaming import Stream, Sum, sample, sampled, streams
 from .gls import SINGULAR_SIGMA, mounting_prior
@@ -107,13 +107,11 @@ class SelfCalibration:
 
     def problem(self, observations: Observations, state: State, C_EK_model: Array) -> Problem:
         """The linear problem at a state."""
-        o, slices, at = observations, [], 0
-        for parameter in self.parameters:
-            slices.append(state.values[..., at : at + len(parameter.names)])
-            o = parameter.apply(o, slices[-1])
-            at += len(parameter.names)
+        o, own = observations, split(self.parameters, state.values)
+        for parameter, value in own:
+            o = parameter.apply(o, value)
         model = linearise(o, state.C_EK)
-        parts = [p.moves(o, value).design(model) for p, value in zip(self.parameters, slices, strict=True)]
+        parts = [parameter.moves(o, value).design(model) for parameter, value in own]
         parts += [] if o.common_px is None else [o.common_px]
         batch = np.broadcast_shapes(*(part.shape[:-3] for part in (model.H, *parts)))
         A = np.concatenate([np.broadcast_to(p, (*batch, *p.shape[-3:])) for p in (model.H, *parts)], axis=-1)
