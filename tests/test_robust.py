@@ -10,11 +10,11 @@ import pytest
 from problems import C_EK_TRUE, FRAME, LINE, truth
 from starplumb import so3, streaming
 from starplumb.estimators import robust as robust_module
-from starplumb.estimators.consensus import _largest, cluster, consensus, pair_rotation
+from starplumb.estimators.consensus import Consensus, _largest, cluster, consensus, pair_rotation
 from starplumb.estimators.gls import Gls
 from starplumb.estimators.protocol import Status, Verdict
 from starplumb.estimators.robust import Robust
-from starplumb.estimators.selfcal import SelfCalibration
+from starplumb.estimators.selfcal import SelfCalibration, State
 from starplumb.geometry import observe
 from starplumb.parameters import Optics
 from starplumb.simulate import Errors, measure
@@ -178,6 +178,19 @@ def test_a_large_table_is_judged_like_a_small_one(monkeypatch, rng):
     assert np.any(whole.verdict == Verdict.IMAGE)
     np.testing.assert_array_equal(parts.verdict, whole.verdict)
     assert np.max(np.abs(so3.log(parts.C_EK @ whole.C_EK.mT) / whole.sigma_E)) < 1e-3
+
+
+def test_clusters_are_told_of_the_rows_they_are_made_of(monkeypatch, rng):
+    """A table in no order, in many portions: each wrong pixel stands out of its image's cluster, hardly a good one."""
+    o = observe(truth(FRAME, 8, 30))
+    o = o.select(rng.permutation(o.n))
+    table, wrong = moved(measure(o, C_EK_TRUE, Errors.draw(o, rng)), 0.3, 60.0, rng)
+    monkeypatch.setattr(streaming, "CHUNK", 40)
+    search = robust_module._Search(Robust(), table, C_EK_TRUE)
+    everything = Consensus(C_EK_TRUE, np.ones(table.n, dtype=bool), True)
+    kept = search._clusters(State(C_EK_TRUE, np.zeros(0)), everything)
+    assert np.mean(kept[~wrong]) > 0.95
+    assert np.mean(kept[wrong]) < 0.15
 
 
 def test_many_bad_images_leave_together(monkeypatch, rng):
