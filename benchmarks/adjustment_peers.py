@@ -23,13 +23,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from starplumb import so3
-from starplumb.camera import Distortion, FrameCamera
 from starplumb.estimators.wahba import Wahba
-from starplumb.model import linearise
-from starplumb.observations import Observations
-from starplumb.parameters import Optics
-from starplumb.units import ARCSEC
+from starplumb.physics import so3
+from starplumb.physics.camera import Distortion, FrameCamera
+from starplumb.physics.units import ARCSEC
+from starplumb.table.equation import linearise
+from starplumb.table.observations import Observations
+from starplumb.table.parameters import Optics
 
 Array = NDArray[np.float64]
 

@@ -22,12 +22,12 @@ import numpy as np
 from adjustment_peers import Found, Problem, by_ceres, by_scipy
 from scenes import C_EK_TRUE, CAMERA, marked, photographed
 
-from starplumb import so3
 from starplumb.estimators.selfcal import SelfCalibration
-from starplumb.geometry import observe
-from starplumb.observations import Observations
-from starplumb.parameters import OPTICS, Optics
-from starplumb.simulate import Errors, measure
+from starplumb.physics import so3
+from starplumb.table.geometry import observe
+from starplumb.table.observations import Observations
+from starplumb.table.parameters import OPTICS, Optics
+from starplumb.table.simulate import Errors, measure
 
 OPTICAL = Optics(CAMERA, OPTICS, (np.inf,) * len(OPTICS))
 CALIBRATION = SelfCalibration((OPTICAL,))

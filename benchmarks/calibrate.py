@@ -23,19 +23,20 @@ from scenes import C_EK_TRUE, marked, photographed
 from scipy.optimize import least_squares
 from scipy.sparse import coo_array, diags_array, vstack
 
-from starplumb import scene, so3
-from starplumb.adjustment import square_root
-from starplumb.calibration import calibrate
-from starplumb.campaign import Campaign
 from starplumb.estimators.gls import Gls
-from starplumb.geometry import observe
-from starplumb.io.campaign import load_campaign
-from starplumb.io.write_campaign import write_campaign
-from starplumb.model import linearise, residual_px
-from starplumb.observations import Observations
-from starplumb.orientation import EarthOrientation
-from starplumb.simulate import Errors
-from starplumb.units import ARCSEC, DEG
+from starplumb.io.campaign.read import load_campaign
+from starplumb.io.campaign.write import write_campaign
+from starplumb.judge.calibrate import calibrate
+from starplumb.physics import so3
+from starplumb.physics.covariance import square_root
+from starplumb.physics.orientation import EarthOrientation
+from starplumb.physics.units import ARCSEC, DEG
+from starplumb.plan import scene
+from starplumb.table.campaign import Campaign
+from starplumb.table.equation import linearise, residual_px
+from starplumb.table.geometry import observe
+from starplumb.table.observations import Observations
+from starplumb.table.simulate import Errors
 
 
 def best(function: Callable[[], Any], rounds: int) -> tuple[float, Any]:

@@ -15,14 +15,14 @@ from pathlib import Path
 import numpy as np
 
 from starplumb.estimators.gls import Gls
-from starplumb.io.scenario import load_scenario, shipped_scenarios
-from starplumb.linear import bound_E
-from starplumb.scenario import Scenario
-from starplumb.statistics import chi2_band
-from starplumb.study import Study, Tally
-from starplumb.study_run import choose, run
-from starplumb.study_store import Store
-from starplumb.study_summary import tally
+from starplumb.io.scenario.read import load_scenario, shipped_scenarios
+from starplumb.plan.bound import bound_E
+from starplumb.plan.scenario import Scenario
+from starplumb.study.monte_carlo import Study, Tally
+from starplumb.study.run import choose, run
+from starplumb.study.statistics import chi2_band
+from starplumb.study.store import Store
+from starplumb.study.summary import tally
 
 
 def case(label: str, scenario: Scenario, trials: int, workers: int) -> bool:

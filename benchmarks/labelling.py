@@ -15,15 +15,15 @@ import numpy as np
 from scenes import C_EK_TRUE, marked, photographed
 from tally import tally
 
-from starplumb import so3
-from starplumb.calibration import calibrate
-from starplumb.campaign import Campaign, Detections
 from starplumb.estimators.protocol import Status
 from starplumb.estimators.robust import Robust
-from starplumb.geometry import observe
-from starplumb.labelling import label
-from starplumb.simulate import Errors
-from starplumb.units import DEG
+from starplumb.identify.labelling import label
+from starplumb.judge.calibrate import calibrate
+from starplumb.physics import so3
+from starplumb.physics.units import DEG
+from starplumb.table.campaign import Campaign, Detections
+from starplumb.table.geometry import observe
+from starplumb.table.simulate import Errors
 
 
 @dataclass(frozen=True)

@@ -15,10 +15,10 @@ import numpy as np
 from adjustment_size import table
 from scenes import C_EK_TRUE, CAMERA
 
-from starplumb import so3
 from starplumb.estimators.selfcal import SelfCalibration
-from starplumb.parameters import OPTICS, Optics, TimeOffset
-from starplumb.units import DEG
+from starplumb.physics import so3
+from starplumb.physics.units import DEG
+from starplumb.table.parameters import OPTICS, Optics, TimeOffset
 
 SETS = {
     "alignment": (),

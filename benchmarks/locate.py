@@ -3,7 +3,7 @@
     python benchmarks/locate.py
 
 Set OPENBLAS_NUM_THREADS=1.  12000 columns, blocks of 64 rows; the terrain is an array of 30 m posts, hills of 1500 m.
-Pixel by pixel is what :func:`starplumb.geometry.locate` does, for the comparison in the same run.
+Pixel by pixel is what :func:`starplumb.table.geometry.locate` does, for the comparison in the same run.
 """
 
 from __future__ import annotations
@@ -13,10 +13,10 @@ import time
 import numpy as np
 from scenes import C_EK_TRUE, photographed
 
-from starplumb.camera import LineScanCamera
-from starplumb.geometry import locate
-from starplumb.raster import Terrain, geodetic_rows, locate_on_terrain, locate_rows
-from starplumb.units import DEG
+from starplumb.ground.grid import Terrain, geodetic_rows, locate_on_terrain, locate_rows
+from starplumb.physics.camera import LineScanCamera
+from starplumb.physics.units import DEG
+from starplumb.table.geometry import locate
 
 CAMERA = LineScanCamera.from_optics(2.2, 9e-6, (5999.5, 40.0), 12000, rows=12000)
 ROWS, BLOCKS = 64, 12

@@ -14,17 +14,17 @@ from time import process_time
 
 import numpy as np
 
-from starplumb import so3
 from starplumb.estimators import METHODS
-from starplumb.estimators.cross_product import CrossProduct
-from starplumb.estimators.ground_plane import GroundPlane
-from starplumb.estimators.image_plane import ImagePlane
-from starplumb.estimators.least_squares import LeastSquares
 from starplumb.estimators.protocol import Estimator
-from starplumb.geometry import observe
-from starplumb.observations import Observations
-from starplumb.simulate import Errors, measure
-from starplumb.units import ARCMIN, ARCSEC
+from starplumb.estimators.published.cross_product import CrossProduct
+from starplumb.estimators.published.ground_plane import GroundPlane
+from starplumb.estimators.published.image_plane import ImagePlane
+from starplumb.estimators.published.least_squares import LeastSquares
+from starplumb.physics import so3
+from starplumb.physics.units import ARCMIN, ARCSEC
+from starplumb.table.geometry import observe
+from starplumb.table.observations import Observations
+from starplumb.table.simulate import Errors, measure
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 from problems import C_EK_TRUE, FRAME, LINE, truth

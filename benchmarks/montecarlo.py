@@ -19,12 +19,12 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from starplumb import so3
 from starplumb.estimators import METHODS
-from starplumb.estimators.observer import Observer
-from starplumb.io.scenario import find_scenario, load_scenario
-from starplumb.model import residual_px
-from starplumb.study import CHUNK, Study, Tally
+from starplumb.estimators.published.observer import Observer
+from starplumb.io.scenario.read import find_scenario, load_scenario
+from starplumb.physics import so3
+from starplumb.study.monte_carlo import CHUNK, Study, Tally
+from starplumb.table.equation import residual_px
 
 ONE_BY_ONE = 200
 """Runs of SciPy a round."""

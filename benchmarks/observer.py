@@ -16,12 +16,12 @@ from time import process_time
 
 import numpy as np
 
-from starplumb import so3
-from starplumb.estimators.observer import Observer
+from starplumb.estimators.published.observer import Observer
+from starplumb.physics import so3
+from starplumb.physics.units import ARCSEC
 from starplumb.published.tables import scenario
 from starplumb.published.tkachenko2019 import observer, view
 from starplumb.published.tkachenko_scene import C_EK_MODEL, Scene, draw, errors_E
-from starplumb.units import ARCSEC
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 from observer_loop import cycle_run

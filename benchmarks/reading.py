@@ -23,13 +23,13 @@ from calibrate import best, write
 
 from starplumb.estimators.gls import Gls
 from starplumb.estimators.selfcal import SelfCalibration
-from starplumb.geometry import observe
-from starplumb.io import table_parsers
-from starplumb.io.campaign import load_campaign
-from starplumb.io.table_header import Wanted
-from starplumb.io.table_plain import read_plain
-from starplumb.io.table_rows import read_rows
-from starplumb.parameters import OPTICS, Optics
+from starplumb.io.campaign.read import load_campaign
+from starplumb.io.tables import parsers as table_parsers
+from starplumb.io.tables.header import Wanted
+from starplumb.io.tables.plain import read_plain
+from starplumb.io.tables.rows import read_rows
+from starplumb.table.geometry import observe
+from starplumb.table.parameters import OPTICS, Optics
 
 MARKERS = 100
 OBSERVATIONS = Wanted(("image_id", "landmark_id"), ("column_px", "row_px", "sigma_px"))

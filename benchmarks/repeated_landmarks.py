@@ -19,14 +19,14 @@ from dataclasses import replace
 import numpy as np
 from scenes import C_EK_TRUE, SIGMAS, marked, photographed
 
-from starplumb import so3
 from starplumb.estimators.gls import Gls
 from starplumb.estimators.protocol import Estimator
 from starplumb.estimators.selfcal import SelfCalibration
-from starplumb.geometry import locate, observe, project
-from starplumb.observations import PER_SIGHTING, Observations
-from starplumb.scene import survey
-from starplumb.simulate import Errors, measure
+from starplumb.physics import so3
+from starplumb.plan.scene import survey
+from starplumb.table.geometry import locate, observe, project
+from starplumb.table.observations import PER_SIGHTING, Observations
+from starplumb.table.simulate import Errors, measure
 
 OVERLAP = 10
 """Images of a strip that see a landmark."""

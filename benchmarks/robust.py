@@ -14,14 +14,14 @@ import numpy as np
 from scenes import C_EK_TRUE, marked, photographed
 from tally import tally
 
-from starplumb import so3
 from starplumb.estimators.gls import Gls
 from starplumb.estimators.protocol import Verdict
 from starplumb.estimators.robust import Robust
-from starplumb.geometry import observe
-from starplumb.observations import Observations
-from starplumb.simulate import Errors, measure
-from starplumb.units import ARCSEC, DEG
+from starplumb.physics import so3
+from starplumb.physics.units import ARCSEC, DEG
+from starplumb.table.geometry import observe
+from starplumb.table.observations import Observations
+from starplumb.table.simulate import Errors, measure
 
 PIXEL = 9e-6 / 2.2
 """Tangent of a pixel."""

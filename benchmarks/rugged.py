@@ -19,16 +19,16 @@ import orekit_jpype
 from calibrate import under_the_real_earth
 from scenes import C_EK_TRUE, marked, photographed
 
-from starplumb import so3
-from starplumb.camera import LineScanCamera
-from starplumb.campaign import Campaign
-from starplumb.corrections import inertial_velocity
-from starplumb.earth import itrf_to_geodetic
 from starplumb.estimators.gls import Gls
-from starplumb.geometry import observe
-from starplumb.simulate import Errors, measure
-from starplumb.timescales import format_iso
-from starplumb.units import ARCSEC, DEG
+from starplumb.physics import so3
+from starplumb.physics.camera import LineScanCamera
+from starplumb.physics.earth import itrf_to_geodetic
+from starplumb.physics.light import inertial_velocity
+from starplumb.physics.timescales import format_iso
+from starplumb.physics.units import ARCSEC, DEG
+from starplumb.table.campaign import Campaign
+from starplumb.table.geometry import observe
+from starplumb.table.simulate import Errors, measure
 
 COLUMNS = ROWS = 12000
 CAMERA = LineScanCamera.from_optics(2.2, 9e-6, (5999.5, 40.0), COLUMNS, rows=ROWS)

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from starplumb import scene, so3
-from starplumb.camera import Camera, FrameCamera
-from starplumb.campaign import Campaign
-from starplumb.corrections import Corrections
-from starplumb.earth import OMEGA_EARTH, geodetic_to_itrf, itrf_to_geodetic
-from starplumb.orbit import KeplerOrbit
-from starplumb.units import ARCSEC, DEG
+from starplumb.physics import so3
+from starplumb.physics.camera import Camera, FrameCamera
+from starplumb.physics.earth import OMEGA_EARTH, geodetic_to_itrf, itrf_to_geodetic
+from starplumb.physics.light import Corrections
+from starplumb.physics.orbit import KeplerOrbit
+from starplumb.physics.units import ARCSEC, DEG
+from starplumb.plan import scene
+from starplumb.table.campaign import Campaign
 
 ORBIT = KeplerOrbit(7058e3, 0.001, 98 * DEG, 0.3, 0.2, 0.6)
 CAMERA = FrameCamera(2.2, 9e-6, (5999.5, 5999.5), (12000, 12000))

@@ -13,13 +13,14 @@ from dataclasses import replace
 import numpy as np
 from scenes import C_EK_TRUE, CAMERA, SIGMAS, photographed
 
-from starplumb import scene, so3
 from starplumb.estimators.gls import Gls
 from starplumb.estimators.selfcal import SelfCalibration
-from starplumb.geometry import observe
-from starplumb.parameters import Optics
-from starplumb.simulate import Errors, measure
-from starplumb.units import ARCSEC
+from starplumb.physics import so3
+from starplumb.physics.units import ARCSEC
+from starplumb.plan import scene
+from starplumb.table.geometry import observe
+from starplumb.table.parameters import Optics
+from starplumb.table.simulate import Errors, measure
 
 LONGER = 1.0025
 

@@ -10,8 +10,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from starplumb import so3
-from starplumb.units import DEG
+from starplumb.physics import so3
+from starplumb.physics.units import DEG
 
 plt.switch_backend("svg")
 plt.rcParams.update({"svg.hashsalt": "starplumb", "font.size": 12, "savefig.facecolor": "white"})

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from starplumb import scene, so3
-from starplumb.camera import Camera, FrameCamera
-from starplumb.campaign import Campaign
-from starplumb.corrections import Corrections
-from starplumb.earth import geodetic_to_itrf, itrf_to_geodetic
-from starplumb.orbit import KeplerOrbit
-from starplumb.orientation import EarthOrientation
-from starplumb.timescales import parse
-from starplumb.units import ARCSEC, DEG
+from starplumb.physics import so3
+from starplumb.physics.camera import Camera, FrameCamera
+from starplumb.physics.earth import geodetic_to_itrf, itrf_to_geodetic
+from starplumb.physics.light import Corrections
+from starplumb.physics.orbit import KeplerOrbit
+from starplumb.physics.orientation import EarthOrientation
+from starplumb.physics.timescales import parse
+from starplumb.physics.units import ARCSEC, DEG
+from starplumb.plan import scene
+from starplumb.table.campaign import Campaign
 
 EARTH = EarthOrientation.load()
 EPOCH_NS = int(parse(["2025-06-21T10:30:00"], "UTC")[0])

@@ -13,11 +13,11 @@ import matplotlib.pyplot as plt
 import numpy as np
 from _scene import C_EK_TRUE, flight
 
-from starplumb import so3
 from starplumb.estimators.gls import Gls
-from starplumb.geometry import observe
-from starplumb.simulate import Errors, measure
-from starplumb.units import ARCSEC
+from starplumb.physics import so3
+from starplumb.physics.units import ARCSEC
+from starplumb.table.geometry import observe
+from starplumb.table.simulate import Errors, measure
 
 TURNS = np.array([0.0, 15.0, 45.0, 90.0, 180.0])
 wrong, rise = [], []

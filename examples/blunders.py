@@ -11,14 +11,14 @@ import matplotlib.pyplot as plt
 import numpy as np
 from _scene import C_EK_TRUE, flight
 
-from starplumb import so3
-from starplumb.consistency import chi2_p
 from starplumb.estimators.gls import Gls
 from starplumb.estimators.protocol import Verdict
 from starplumb.estimators.robust import Robust
-from starplumb.geometry import observe
-from starplumb.simulate import Errors, measure
-from starplumb.units import ARCSEC
+from starplumb.judge.consistency import chi2_p
+from starplumb.physics import so3
+from starplumb.physics.units import ARCSEC
+from starplumb.table.geometry import observe
+from starplumb.table.simulate import Errors, measure
 
 truth = observe(flight(images=6, markers=15))
 rng = np.random.default_rng(5)

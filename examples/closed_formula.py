@@ -10,11 +10,11 @@ import matplotlib.pyplot as plt
 import numpy as np
 from _scene import C_EK_TRUE, SIGMAS, flight
 
-from starplumb.consistency import boresight_sigmas
 from starplumb.estimators.gls import Gls
-from starplumb.geometry import observe
-from starplumb.observations import Observations
-from starplumb.units import ARCSEC
+from starplumb.judge.consistency import boresight_sigmas
+from starplumb.physics.units import ARCSEC
+from starplumb.table.geometry import observe
+from starplumb.table.observations import Observations
 
 MARKERS = np.array([2, 3, 5, 10, 20, 50])
 

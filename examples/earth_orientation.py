@@ -9,11 +9,11 @@ import erfa
 import matplotlib.pyplot as plt
 import numpy as np
 
-from starplumb import so3
-from starplumb.earth import OMEGA_EARTH
-from starplumb.orientation import EarthOrientation
-from starplumb.timescales import parse
-from starplumb.units import ARCSEC
+from starplumb.physics import so3
+from starplumb.physics.earth import OMEGA_EARTH
+from starplumb.physics.orientation import EarthOrientation
+from starplumb.physics.timescales import parse
+from starplumb.physics.units import ARCSEC
 
 days = np.arange(0, 365 * 9, 30)
 t_ns = parse(["2016-01-02T00:00:00"], "UTC")[0] + days * 86_400_000_000_000

@@ -9,10 +9,10 @@ sightings.
 import matplotlib.pyplot as plt
 import numpy as np
 
-from starplumb.calibration import calibrate
-from starplumb.demo import demo
 from starplumb.estimators.gls import Gls
-from starplumb.units import ARCSEC
+from starplumb.judge.calibrate import calibrate
+from starplumb.physics.units import ARCSEC
+from starplumb.plan.demo import demo
 
 campaign, _ = demo("frame", images=8, seed=1)
 done = calibrate(campaign, Gls())

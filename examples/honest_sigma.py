@@ -11,12 +11,12 @@ import matplotlib.pyplot as plt
 import numpy as np
 from _scene import C_EK_TRUE, flight
 
-from starplumb import so3
 from starplumb.estimators.gls import Gls
-from starplumb.estimators.least_squares import LeastSquares
-from starplumb.geometry import observe
-from starplumb.simulate import Errors, measure
-from starplumb.units import ARCSEC
+from starplumb.estimators.published.least_squares import LeastSquares
+from starplumb.physics import so3
+from starplumb.physics.units import ARCSEC
+from starplumb.table.geometry import observe
+from starplumb.table.simulate import Errors, measure
 
 truth = observe(flight(images=4, markers=12))
 rng = np.random.default_rng(7)

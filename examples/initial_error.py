@@ -10,12 +10,12 @@ import matplotlib.pyplot as plt
 import numpy as np
 from _scene import C_EK_TRUE, flight
 
-from starplumb import so3
-from starplumb.estimators.cross_product import CrossProduct
 from starplumb.estimators.gls import Gls
-from starplumb.estimators.image_plane import ImagePlane
-from starplumb.geometry import observe
-from starplumb.units import ARCMIN, ARCSEC
+from starplumb.estimators.published.cross_product import CrossProduct
+from starplumb.estimators.published.image_plane import ImagePlane
+from starplumb.physics import so3
+from starplumb.physics.units import ARCMIN, ARCSEC
+from starplumb.table.geometry import observe
 
 truth = observe(flight(images=3, markers=8))
 size = np.geomspace(1.0, 120.0, 9) * ARCMIN

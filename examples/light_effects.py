@@ -9,10 +9,10 @@ import matplotlib.pyplot as plt
 import numpy as np
 from _scene import EARTH, EPOCH_NS, ORBIT
 
-from starplumb import scene
-from starplumb.corrections import Corrections, apparent_direction
-from starplumb.earth import intersect_ellipsoid
-from starplumb.units import ARCSEC, DEG
+from starplumb.physics.earth import intersect_ellipsoid
+from starplumb.physics.light import Corrections, apparent_direction
+from starplumb.physics.units import ARCSEC, DEG
+from starplumb.plan import scene
 
 off_nadir = np.linspace(0.0, 45.0, 10) * DEG
 r_J, v_J = scene.fly(ORBIT, EARTH, EPOCH_NS, 0.0)

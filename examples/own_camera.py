@@ -12,11 +12,11 @@ import numpy as np
 from _scene import C_EK_TRUE, flight
 from numpy.typing import ArrayLike, NDArray
 
-from starplumb import so3
 from starplumb.estimators.gls import Gls
-from starplumb.geometry import observe
-from starplumb.simulate import Errors, measure
-from starplumb.units import ARCSEC, DEG
+from starplumb.physics import so3
+from starplumb.physics.units import ARCSEC, DEG
+from starplumb.table.geometry import observe
+from starplumb.table.simulate import Errors, measure
 
 
 @dataclass(frozen=True)

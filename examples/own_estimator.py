@@ -13,14 +13,14 @@ import numpy as np
 from _scene import C_EK_TRUE, flight
 from numpy.typing import NDArray
 
-from starplumb import so3
 from starplumb.estimators.gls import Gls
 from starplumb.estimators.protocol import AlignmentEstimate, Status
 from starplumb.estimators.wahba import Wahba
-from starplumb.geometry import observe
-from starplumb.observations import Observations
-from starplumb.simulate import Errors, measure
-from starplumb.units import ARCSEC
+from starplumb.physics import so3
+from starplumb.physics.units import ARCSEC
+from starplumb.table.geometry import observe
+from starplumb.table.observations import Observations
+from starplumb.table.simulate import Errors, measure
 
 
 @dataclass(frozen=True)

@@ -13,12 +13,13 @@ import matplotlib.pyplot as plt
 import numpy as np
 from _scene import C_EK_TRUE, SIGMAS, flight
 
-from starplumb import scene, so3
-from starplumb.earth import itrf_to_geodetic
-from starplumb.geometry import observe
-from starplumb.simulate import Errors
-from starplumb.timescales import format_iso
-from starplumb.units import DEG
+from starplumb.physics import so3
+from starplumb.physics.earth import itrf_to_geodetic
+from starplumb.physics.timescales import format_iso
+from starplumb.physics.units import DEG
+from starplumb.plan import scene
+from starplumb.table.geometry import observe
+from starplumb.table.simulate import Errors
 
 AXES = ("east", "north", "up")
 

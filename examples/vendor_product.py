@@ -13,14 +13,15 @@ import matplotlib.pyplot as plt
 import numpy as np
 from _scene import EARTH, EPOCH_NS, ORBIT
 
-from starplumb import scene, so3
-from starplumb.camera import LineScanCamera
-from starplumb.corrections import Corrections
-from starplumb.earth import geodetic_to_itrf, itrf_to_geodetic
-from starplumb.geometry import locate, observe
-from starplumb.simulate import Errors
-from starplumb.timescales import format_iso
-from starplumb.units import ARCMIN, ARCSEC, DEG
+from starplumb.physics import so3
+from starplumb.physics.camera import LineScanCamera
+from starplumb.physics.earth import geodetic_to_itrf, itrf_to_geodetic
+from starplumb.physics.light import Corrections
+from starplumb.physics.timescales import format_iso
+from starplumb.physics.units import ARCMIN, ARCSEC, DEG
+from starplumb.plan import scene
+from starplumb.table.geometry import locate, observe
+from starplumb.table.simulate import Errors
 
 COLUMNS, ROWS, PERIOD_S = 8000, 9000, 1.1e-4
 DISTANCE_MM, PITCH_MM = 8800.0, 0.012

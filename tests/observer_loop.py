@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from starplumb import so3
+from starplumb.physics import so3
 
 
 def cycle_run(e_K, e_E, C_EJ, C_EK, P, *, alpha, beta, w, floor, cycles):

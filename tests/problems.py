@@ -6,13 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from starplumb import scene, so3
-from starplumb.camera import Camera, FrameCamera, LineScanCamera
-from starplumb.campaign import Campaign
-from starplumb.corrections import Corrections
-from starplumb.earth import OMEGA_EARTH, geodetic_to_itrf, itrf_to_geodetic
-from starplumb.orbit import KeplerOrbit
-from starplumb.units import ARCSEC, DEG
+from starplumb.physics import so3
+from starplumb.physics.camera import Camera, FrameCamera, LineScanCamera
+from starplumb.physics.earth import OMEGA_EARTH, geodetic_to_itrf, itrf_to_geodetic
+from starplumb.physics.light import Corrections
+from starplumb.physics.orbit import KeplerOrbit
+from starplumb.physics.units import ARCSEC, DEG
+from starplumb.plan import scene
+from starplumb.table.campaign import Campaign
 
 
 @dataclass(frozen=True)

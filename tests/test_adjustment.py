@@ -9,14 +9,15 @@ import pytest
 from scipy.linalg import block_diag
 
 from problems import C_EK_TRUE, FRAME, LINE, truth
-from starplumb import adjustment, arrow, covisibility, elimination
-from starplumb.adjustment import solve, square_root
-from starplumb.conjugate import conjugate_gradients
-from starplumb.geometry import observe
-from starplumb.model import linearise
-from starplumb.simulate import Errors, measure
-from starplumb.tridiagonal import BlockTridiagonal
-from starplumb.units import ARCSEC
+from starplumb.physics.covariance import square_root
+from starplumb.physics.units import ARCSEC
+from starplumb.solve import adjustment, arrow, covisibility, elimination
+from starplumb.solve.adjustment import solve
+from starplumb.solve.conjugate import conjugate_gradients
+from starplumb.solve.tridiagonal import BlockTridiagonal
+from starplumb.table.equation import linearise
+from starplumb.table.geometry import observe
+from starplumb.table.simulate import Errors, measure
 
 
 def dense(o, model, A, information=None, step=None):

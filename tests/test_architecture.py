@@ -14,18 +14,32 @@ import starplumb
 
 ROOT = Path(starplumb.__file__).parent
 MODULES = {
-    path.relative_to(ROOT).with_suffix("").as_posix().replace("/", "."): path for path in ROOT.rglob("*.py")
+    path.relative_to(ROOT)
+    .with_suffix("")
+    .as_posix()
+    .replace("/", ".")
+    .removesuffix("__init__")
+    .rstrip("."): path
+    for path in ROOT.rglob("*.py")
 }
-FLOORS = {
-    0: "errors units so3 tridiagonal conjugate rows",
-    1: "earth timescales orientation orbit lens camera series corrections layout",
-    2: "campaign trackers observations model geometry adjustment whitening arrow elimination covisibility streaming "
-    "parameters design_rows",
-    3: "estimators simulate scene passes sources error_models reliability portions",
-    4: "",  # what studies, judges and plans: every module not named elsewhere
-    5: "io report published",
-    6: "cli",
-}
+FOLDERS = (
+    *("physics", "table", "solve", "estimators", "judge", "identify", "ground", "plan", "study"),
+    *(
+        "io.text",
+        "io.tables",
+        "io.formats",
+        "io.gis",
+        "io.campaign",
+        "io.scenario",
+        "io.vendors",
+        "io.results",
+    ),
+    *("report", "published", "cli"),
+)
+"""A folder is a stage of the work, in the order of the work: it imports from those before it only."""
+MOST_MODULES = 15
+LAZY = {""}
+"""The package's own face names folders further on, in strings."""
 HEAVY = {
     "scipy",
     "matplotlib",
@@ -40,9 +54,9 @@ HEAVY = {
 }
 
 
-def floor(module):
-    top = module.split(".")[0]
-    return next((number for number, names in FLOORS.items() if top in names.split()), 4)
+def folder(module):
+    """The folder of a module, None for the package's own face."""
+    return next((name for name in FOLDERS if module == name or module.startswith(f"{name}.")), None)
 
 
 @cache
@@ -50,33 +64,62 @@ def tree(module):
     return ast.parse(MODULES[module].read_text(encoding="utf-8"))
 
 
+@cache
 def imported(module):
-    """Modules of the package that a module imports, anywhere in its text."""
-    package = ["starplumb", *MODULES[module].relative_to(ROOT).parent.parts]
+    """Modules of the package that a module imports, anywhere in its text: in functions and for type checking too."""
+    path = MODULES[module]
+    package = ["starplumb", *path.relative_to(ROOT).parent.parts]
+    found = set()
     for node in ast.walk(tree(module)):
-        if isinstance(node, ast.ImportFrom):
+        if isinstance(node, ast.Import):
+            names = [alias.name.split(".") for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
             base = package[: len(package) - node.level + 1] if node.level else []
             base = [*base, *(node.module or "").split(".")] if node.module else base
-            for name in node.names:
-                path = [*base, name.name]
-                if path[0] == "starplumb":
-                    yield next(
-                        (
-                            ".".join(path[1:n])
-                            for n in (len(path), len(path) - 1)
-                            if ".".join(path[1:n]) in MODULES
-                        ),
-                        "",
-                    )
+            names = [[*base, alias.name] for alias in node.names]
+        else:
+            continue
+        for name in names:
+            if name[0] == "starplumb":
+                whole = ".".join(name[1:])
+                found.add(whole if whole in MODULES else whole.rpartition(".")[0])
+    assert found <= set(MODULES), f"{module} imports what is not there: {found - set(MODULES)}"
+    return found - {module}
+
+
+def test_every_module_lives_in_a_folder_of_the_plan():
+    assert {module for module in MODULES if folder(module) is None} == {"", "io"}
 
 
 @pytest.mark.parametrize("module", sorted(MODULES))
-def test_a_module_imports_from_its_own_floor_or_below(module):
-    above = {other for other in imported(module) if other and floor(other) > floor(module)}
-    assert not above, f"{module} (floor {floor(module)}) imports {above}"
+def test_a_folder_imports_only_from_those_before_it(module):
+    if module in LAZY:
+        assert not imported(module)
+        return
+    later = {
+        other
+        for other in imported(module)
+        if other not in ("", "io") and FOLDERS.index(folder(other)) > FOLDERS.index(folder(module) or "cli")
+    }
+    assert not later, f"{module} imports {later}"
 
 
-@pytest.mark.parametrize("module", sorted(m for m in MODULES if floor(m) < 6))
+def test_imports_make_no_circle():
+    """Every import counts, wherever it stands."""
+    left = {module: set(imported(module)) for module in MODULES}
+    while left:
+        free = {module for module, others in left.items() if not others & set(left)}
+        assert free, f"these import one another: {sorted(left)}"
+        left = {module: others for module, others in left.items() if module not in free}
+
+
+@pytest.mark.parametrize("name", FOLDERS)
+def test_a_folder_can_be_overlooked(name):
+    beside = [path for path in (ROOT / name.replace(".", "/")).glob("*.py") if path.name != "__init__.py"]
+    assert len(beside) <= MOST_MODULES
+
+
+@pytest.mark.parametrize("module", sorted(m for m in MODULES if folder(m) != "cli"))
 def test_only_the_command_line_prints(module):
     calls = [node.func for node in ast.walk(tree(module)) if isinstance(node, ast.Call)]
     assert not any(isinstance(f, ast.Name) and f.id == "print" for f in calls)

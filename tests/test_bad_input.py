@@ -8,9 +8,9 @@ import pytest
 
 from bad_cases import BAD_CASES, BadCase
 from helpers import write_good_campaign
-from starplumb.errors import InputError
-from starplumb.geometry import observe
-from starplumb.io.campaign import load_campaign
+from starplumb.io.campaign.read import load_campaign
+from starplumb.physics.errors import InputError
+from starplumb.table.geometry import observe
 
 
 def contents(folder: Path) -> dict[str, bytes | None]:

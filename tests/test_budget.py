@@ -7,15 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from starplumb import so3
-from starplumb.budget import budget, directions, requirements, response
-from starplumb.budget_document import about, document, words
 from starplumb.estimators.gls import Gls
 from starplumb.estimators.wahba import Wahba
-from starplumb.io.scenario import find_scenario, load_scenario
-from starplumb.linear import Linear, effects
-from starplumb.study import Study
-from starplumb.units import ARCSEC
+from starplumb.io.scenario.read import find_scenario, load_scenario
+from starplumb.physics import so3
+from starplumb.physics.units import ARCSEC
+from starplumb.plan.bound import Linear, effects
+from starplumb.study.budget import budget, directions, requirements, response
+from starplumb.study.budget_document import about, document, words
+from starplumb.study.monte_carlo import Study
 
 
 @pytest.fixture(scope="module")

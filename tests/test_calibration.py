@@ -9,17 +9,18 @@ import pytest
 from scipy.stats import kstest
 
 from problems import C_EK_TRUE, FRAME, LINE, truth
-from starplumb import scene, so3
-from starplumb.calibration import calibrate
-from starplumb.errors import InputError
 from starplumb.estimators.gls import Gls
-from starplumb.estimators.observer import Observer
 from starplumb.estimators.protocol import Status
+from starplumb.estimators.published.observer import Observer
 from starplumb.estimators.wahba import Wahba
-from starplumb.geometry import observe
-from starplumb.residuals import Accuracy, rms
-from starplumb.simulate import Errors
-from starplumb.units import ARCMIN, ARCSEC, DEG
+from starplumb.judge.calibrate import calibrate
+from starplumb.judge.residuals import Accuracy, rms
+from starplumb.physics import so3
+from starplumb.physics.errors import InputError
+from starplumb.physics.units import ARCMIN, ARCSEC, DEG
+from starplumb.plan import scene
+from starplumb.table.geometry import observe
+from starplumb.table.simulate import Errors
 
 CAMERAS = {"frame": FRAME, "line": LINE}
 

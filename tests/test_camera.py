@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from starplumb.camera import Distortion, FrameCamera, LineScanCamera
+from starplumb.physics.camera import Distortion, FrameCamera, LineScanCamera
 
 SCALE = 9e-6 / 2.2
 LENS = Distortion((0.9, -12.0, 40.0), (0.004, -0.003))

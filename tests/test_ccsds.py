@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from starplumb.errors import InputError
-from starplumb.io.ccsds import (
+from starplumb.io.formats.ccsds import (
     AttitudeTable,
     EphemerisTable,
     read_aem,
@@ -20,6 +19,7 @@ from starplumb.io.ccsds import (
     write_oem_kvn,
     write_oem_xml,
 )
+from starplumb.physics.errors import InputError
 
 S = 1_000_000_000
 

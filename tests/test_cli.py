@@ -14,7 +14,7 @@ import pytest
 from bad_cases import BAD_CASES, BadCase, swap
 from command import Spoken, demo, process, starplumb
 from helpers import write_good_campaign
-from starplumb import so3
+from starplumb.physics import so3
 
 FILES = {"result.json", "residuals.csv", "mounting.tf"}
 INTERFACE: dict[str, Any] = {

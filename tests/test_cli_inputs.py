@@ -15,10 +15,10 @@ from scipy.spatial.transform import Rotation
 
 from bad_cases import swap
 from command import demo, starplumb
-from starplumb import scene
-from starplumb.earth import geodetic_to_itrf, itrf_to_geodetic
-from starplumb.orientation import EarthOrientation
-from starplumb.timescales import parse
+from starplumb.physics.earth import geodetic_to_itrf, itrf_to_geodetic
+from starplumb.physics.orientation import EarthOrientation
+from starplumb.physics.timescales import parse
+from starplumb.plan import scene
 
 Array = NDArray[np.float64]
 Rewrite = Callable[[Path], None]
@@ -296,7 +296,7 @@ def test_a_wrong_aberration_switch_is_noticed_aloud(
     kind: str, right: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     precise = scene.Sigmas(np.full(3, 0.3 * ARCSEC), np.full(3, 0.5), np.full(3, 0.3), 0.1)
-    monkeypatch.setattr("starplumb.demo.SIGMAS", precise)
+    monkeypatch.setattr("starplumb.plan.demo.SIGMAS", precise)
     path = demo(tmp_path / "demo", "--camera", kind)
     if not right:
         swap(TOML, "aberration = true", "aberration = false")(path.parent)

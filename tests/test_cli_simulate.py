@@ -8,7 +8,7 @@ import pytest
 from typer.testing import CliRunner
 
 from starplumb.cli.app import app
-from starplumb.errors import InputError
+from starplumb.physics.errors import InputError
 
 SIMULATE = ["simulate", "two-images", "--seed", "3", "--workers", "1", "--methods", "gls"]
 

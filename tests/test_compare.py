@@ -10,10 +10,10 @@ from typer.testing import CliRunner
 
 from helpers import FILES, write_good_campaign
 from starplumb.cli.app import app
-from starplumb.comparison import compare
-from starplumb.errors import AlignmentFailed, InputError
 from starplumb.estimators import METHODS
-from starplumb.io.campaign import load_campaign
+from starplumb.io.campaign.read import load_campaign
+from starplumb.judge.compare import compare
+from starplumb.physics.errors import AlignmentFailed, InputError
 
 
 def run(*arguments):

@@ -13,11 +13,11 @@ from scipy.spatial.transform import Rotation
 
 from bad_cases import AEM, DETECTORS, LINE_SCAN, NO_OPTICS, OEM, both, put, swap
 from helpers import CAMPAIGN, FILES, OBSERVATIONS, write_good_campaign
-from starplumb.campaign import Campaign, Images, Landmarks
-from starplumb.errors import EpochError, InputError
-from starplumb.io.campaign import LoadedCampaign, load_campaign
-from starplumb.io.write_campaign import write_campaign
-from starplumb.units import ARCSEC
+from starplumb.io.campaign.read import LoadedCampaign, load_campaign
+from starplumb.io.campaign.write import write_campaign
+from starplumb.physics.errors import EpochError, InputError
+from starplumb.physics.units import ARCSEC
+from starplumb.table.campaign import Campaign, Images, Landmarks
 
 TOML, IDENTITY = "campaign.toml", "quaternion_xyzw = [0.0, 0.0, 0.0, 1.0]"
 GM, OMEGA = 3.986004418e14, 7.292115e-5

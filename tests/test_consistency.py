@@ -10,14 +10,16 @@ import pytest
 from scipy import stats
 
 from problems import C_EK_TRUE, FRAME, LINE, SIGMAS, truth
-from starplumb import scene, so3, streaming
-from starplumb.consistency import boresight_sigmas, chi2_p, field_radius, findings
-from starplumb.corrections import Corrections
 from starplumb.estimators.gls import Gls
 from starplumb.estimators.wahba import Wahba
-from starplumb.geometry import observe
-from starplumb.simulate import Errors, measure
-from starplumb.units import ARCSEC, DEG
+from starplumb.judge.consistency import boresight_sigmas, chi2_p, field_radius, findings
+from starplumb.physics import so3
+from starplumb.physics.light import Corrections
+from starplumb.physics.units import ARCSEC, DEG
+from starplumb.plan import scene
+from starplumb.solve import streaming
+from starplumb.table.geometry import observe
+from starplumb.table.simulate import Errors, measure
 
 
 def measured(rng, camera=FRAME, **options):

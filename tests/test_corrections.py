@@ -6,7 +6,8 @@ import erfa
 import numpy as np
 import pytest
 
-from starplumb.corrections import (
+from starplumb.physics.earth import OMEGA_EARTH, WGS84_A, geodetic_to_itrf
+from starplumb.physics.light import (
     REFRACTIVITY,
     SCALE_HEIGHT,
     Corrections,
@@ -16,9 +17,8 @@ from starplumb.corrections import (
     inertial_velocity,
     refraction_shift,
 )
-from starplumb.earth import OMEGA_EARTH, WGS84_A, geodetic_to_itrf
-from starplumb.orbit import C_RO, KeplerOrbit
-from starplumb.units import ARCSEC, C_LIGHT, DEG
+from starplumb.physics.orbit import C_RO, KeplerOrbit
+from starplumb.physics.units import ARCSEC, C_LIGHT, DEG
 
 NONE = Corrections(light_time=False, aberration=False)
 SPHERE = WGS84_A

@@ -16,16 +16,16 @@ from typer.testing import CliRunner
 
 from problems import C_EK_TRUE, FRAME, LINE, SIGMAS, truth
 from starplumb.cli.app import app
-from starplumb.corrections import Corrections
-from starplumb.demo import demo
-from starplumb.diagnosis import diagnose
-from starplumb.errors import InputError
-from starplumb.geometry import observe
-from starplumb.io.campaign import load_campaign
-from starplumb.io.write_campaign import write_campaign
-from starplumb.scene import measured
-from starplumb.simulate import Errors
-from starplumb.units import ARCSEC
+from starplumb.io.campaign.read import load_campaign
+from starplumb.io.campaign.write import write_campaign
+from starplumb.judge.diagnose import diagnose
+from starplumb.physics.errors import InputError
+from starplumb.physics.light import Corrections
+from starplumb.physics.units import ARCSEC
+from starplumb.plan.demo import demo
+from starplumb.plan.scene import measured
+from starplumb.table.geometry import observe
+from starplumb.table.simulate import Errors
 
 
 @pytest.fixture(scope="module", params=["frame", "line-scan"])

@@ -11,19 +11,19 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from starplumb import so3
-from starplumb.campaign import Campaign, Landmarks, Sightings
-from starplumb.corrections import Corrections
-from starplumb.earth import itrf_to_geodetic
-from starplumb.errors import InputError
 from starplumb.estimators.gls import Gls
-from starplumb.geometry import locate, observe, project
-from starplumb.io.campaign import load_campaign
-from starplumb.io.digitalglobe import read_digitalglobe
-from starplumb.io.digitalglobe_geo import Optics
-from starplumb.io.product import import_product, read_product
-from starplumb.io.vendor import C_KV, Product
-from starplumb.units import ARCSEC
+from starplumb.io.campaign.read import load_campaign
+from starplumb.io.vendors.digitalglobe import read_digitalglobe
+from starplumb.io.vendors.digitalglobe_geo import Optics
+from starplumb.io.vendors.product import import_product, read_product
+from starplumb.io.vendors.vendor import C_KV, Product
+from starplumb.physics import so3
+from starplumb.physics.earth import itrf_to_geodetic
+from starplumb.physics.errors import InputError
+from starplumb.physics.light import Corrections
+from starplumb.physics.units import ARCSEC
+from starplumb.table.campaign import Campaign, Landmarks, Sightings
+from starplumb.table.geometry import locate, observe, project
 
 Array = NDArray[np.float64]
 

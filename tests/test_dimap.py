@@ -10,18 +10,18 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from starplumb import so3
-from starplumb.campaign import Landmarks, Sightings
-from starplumb.corrections import Corrections, aberrate, inertial_velocity
-from starplumb.earth import geodetic_to_itrf
-from starplumb.errors import InputError
 from starplumb.estimators.gls import Gls
-from starplumb.geometry import locate, observe, project
-from starplumb.io.campaign import load_campaign
-from starplumb.io.dimap import read_dimap
-from starplumb.io.product import import_product
-from starplumb.io.vendor import C_KV
-from starplumb.units import ARCSEC
+from starplumb.io.campaign.read import load_campaign
+from starplumb.io.vendors.dimap import read_dimap
+from starplumb.io.vendors.product import import_product
+from starplumb.io.vendors.vendor import C_KV
+from starplumb.physics import so3
+from starplumb.physics.earth import geodetic_to_itrf
+from starplumb.physics.errors import InputError
+from starplumb.physics.light import Corrections, aberrate, inertial_velocity
+from starplumb.physics.units import ARCSEC
+from starplumb.table.campaign import Landmarks, Sightings
+from starplumb.table.geometry import locate, observe, project
 
 Array = NDArray[np.float64]
 
@@ -125,7 +125,7 @@ def test_mount_from_thirty_nodes_and_raw_quaternions(
 
 
 def _height(p_J: Array) -> float:
-    from starplumb.earth import itrf_to_geodetic
+    from starplumb.physics.earth import itrf_to_geodetic
 
     return float(itrf_to_geodetic(p_J)[2])
 

@@ -6,7 +6,7 @@ import erfa
 import numpy as np
 import pytest
 
-from starplumb.earth import (
+from starplumb.physics.earth import (
     C_JT,
     OMEGA_EARTH,
     WGS84_A,

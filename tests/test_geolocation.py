@@ -11,16 +11,16 @@ import pytest
 from typer.testing import CliRunner
 
 from problems import C_EK_TRUE, FRAME, LINE, truth
-from starplumb import geolocation
 from starplumb.cli.app import app
-from starplumb.demo import demo
-from starplumb.earth import itrf_to_geodetic
-from starplumb.errors import InputError
-from starplumb.geolocation import positions, terrain_below
-from starplumb.geometry import locate, stations
-from starplumb.io.geolocation import write_grid
-from starplumb.io.write_campaign import write_campaign
-from starplumb.terrain import ground_height
+from starplumb.ground import geolocation
+from starplumb.ground.geolocation import positions, terrain_below
+from starplumb.ground.terrain import ground_height
+from starplumb.io.campaign.write import write_campaign
+from starplumb.io.gis.geolocation import write_grid
+from starplumb.physics.earth import itrf_to_geodetic
+from starplumb.physics.errors import InputError
+from starplumb.plan.demo import demo
+from starplumb.table.geometry import locate, stations
 
 rasterio = pytest.importorskip("rasterio")
 # rasterio multiplies its transforms in the old way

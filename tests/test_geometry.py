@@ -11,15 +11,16 @@ from scipy.spatial.transform import Rotation
 
 from oracles import seen_direction
 from problems import C_EK_TRUE, FRAME, LINE, UniformEarth, truth
-from starplumb import scene, so3
-from starplumb.camera import Distortion, FrameCamera
-from starplumb.corrections import Corrections
-from starplumb.earth import geodetic_to_itrf, itrf_to_geodetic
-from starplumb.errors import EpochError
-from starplumb.geometry import locate, observe, position_covariance, project, stations
-from starplumb.model import residual_px
-from starplumb.orbit import KeplerOrbit
-from starplumb.units import ARCSEC, DEG
+from starplumb.physics import so3
+from starplumb.physics.camera import Distortion, FrameCamera
+from starplumb.physics.earth import geodetic_to_itrf, itrf_to_geodetic
+from starplumb.physics.errors import EpochError
+from starplumb.physics.light import Corrections
+from starplumb.physics.orbit import KeplerOrbit
+from starplumb.physics.units import ARCSEC, DEG
+from starplumb.plan import scene
+from starplumb.table.equation import residual_px
+from starplumb.table.geometry import locate, observe, position_covariance, project, stations
 
 EVERYTHING = Corrections(light_time=True, aberration=True, refraction=True)
 BENT = FrameCamera(2.2, 9e-6, (5999.5, 5999.5), (12000, 12000), Distortion((2.0, -300.0, 0.0), (0.02, -0.01)))

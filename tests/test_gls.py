@@ -10,14 +10,15 @@ from scipy.spatial.transform import Rotation
 
 import oracles
 from problems import C_EK_TRUE, FRAME, LINE, SIGMAS, truth
-from starplumb import scene, so3
-from starplumb.errors import AlignmentFailed
 from starplumb.estimators.gls import Gls, adjust
 from starplumb.estimators.protocol import Status, align
 from starplumb.estimators.wahba import Wahba
-from starplumb.geometry import observe
-from starplumb.simulate import Errors, measure
-from starplumb.units import ARCSEC, DEG
+from starplumb.physics import so3
+from starplumb.physics.errors import AlignmentFailed
+from starplumb.physics.units import ARCSEC, DEG
+from starplumb.plan import scene
+from starplumb.table.geometry import observe
+from starplumb.table.simulate import Errors, measure
 
 RUNS = 2000
 CAMERAS = {"frame": FRAME, "line": LINE}

@@ -11,12 +11,12 @@ import pytest
 
 from command import starplumb as run
 from problems import C_EK_TRUE, FRAME, truth
-from starplumb import so3
-from starplumb.geometry import observe
-from starplumb.io.campaign import load_campaign
-from starplumb.io.write_campaign import write_campaign
-from starplumb.series import Attitude
-from starplumb.units import ARCSEC
+from starplumb.io.campaign.read import load_campaign
+from starplumb.io.campaign.write import write_campaign
+from starplumb.physics import so3
+from starplumb.physics.series import Attitude
+from starplumb.physics.units import ARCSEC
+from starplumb.table.geometry import observe
 from test_labelling import unnamed
 
 

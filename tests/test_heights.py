@@ -11,15 +11,15 @@ from typer.testing import CliRunner
 from helpers import CAMPAIGN, write_good_campaign
 from problems import C_EK_TRUE, truth
 from starplumb.cli.app import app
-from starplumb.demo import demo
-from starplumb.earth import itrf_to_geodetic
-from starplumb.errors import InputError
-from starplumb.geometry import locate
-from starplumb.io.campaign import load_campaign
-from starplumb.io.heights import Ground, Raster, surface
-from starplumb.io.write_campaign import write_campaign
-from starplumb.terrain import ground_height
-from starplumb.units import DEG
+from starplumb.ground.terrain import ground_height
+from starplumb.io.campaign.read import load_campaign
+from starplumb.io.campaign.write import write_campaign
+from starplumb.io.gis.heights import Ground, Raster, surface
+from starplumb.physics.earth import itrf_to_geodetic
+from starplumb.physics.errors import InputError
+from starplumb.physics.units import DEG
+from starplumb.plan.demo import demo
+from starplumb.table.geometry import locate
 
 rasterio = pytest.importorskip("rasterio", reason="needs the extra gis")
 # rasterio multiplies its transforms in the old way

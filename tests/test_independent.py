@@ -9,9 +9,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from independent import ARCSEC, Case, write
-from starplumb.calibration import calibrate
 from starplumb.estimators.gls import Gls
-from starplumb.io.campaign import load_campaign
+from starplumb.io.campaign.read import load_campaign
+from starplumb.judge.calibrate import calibrate
 
 CASES = [
     Case(),

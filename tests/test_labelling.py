@@ -9,12 +9,14 @@ import numpy as np
 import pytest
 
 from problems import C_EK_TRUE, FRAME, LINE, SIGMAS, truth
-from starplumb import placement, scene, so3
-from starplumb.calibration import calibrate
-from starplumb.campaign import Detections
 from starplumb.estimators.robust import Robust
-from starplumb.labelling import Label, label
-from starplumb.units import ARCSEC, DEG
+from starplumb.identify import placement
+from starplumb.identify.labelling import Label, label
+from starplumb.judge.calibrate import calibrate
+from starplumb.physics import so3
+from starplumb.physics.units import ARCSEC, DEG
+from starplumb.plan import scene
+from starplumb.table.campaign import Detections
 
 
 def unnamed(true, rng, clutter=0.3, missed=0.0, error_deg=1.0, bias_px=5.0):
@@ -79,7 +81,7 @@ def test_a_regular_grid_larger_than_the_image_is_ambiguous(rng):
 
 
 def _geodetic(r_J):
-    from starplumb.earth import itrf_to_geodetic
+    from starplumb.physics.earth import itrf_to_geodetic
 
     return itrf_to_geodetic(r_J)
 

@@ -10,14 +10,14 @@ from scipy.spatial.transform import Rotation
 
 import oracles
 from problems import C_EK_TRUE, FRAME, LINE, truth
-from starplumb import so3
-from starplumb.camera import Distortion, FrameCamera
-from starplumb.corrections import Corrections
-from starplumb.geometry import observe
-from starplumb.model import linearise, pixel_residual, predict, residual_px
-from starplumb.observations import Observations
-from starplumb.simulate import Errors, measure
-from starplumb.units import ARCSEC, DEG
+from starplumb.physics import so3
+from starplumb.physics.camera import Distortion, FrameCamera
+from starplumb.physics.light import Corrections
+from starplumb.physics.units import ARCSEC, DEG
+from starplumb.table.equation import linearise, pixel_residual, predict, residual_px
+from starplumb.table.geometry import observe
+from starplumb.table.observations import Observations
+from starplumb.table.simulate import Errors, measure
 
 BENT = FrameCamera(2.2, 9e-6, (5999.5, 5999.5), (12000, 12000), Distortion((2.0, -300.0, 0.0), (0.02, -0.01)))
 CAMERAS = {"frame": FRAME, "bent": BENT, "line": LINE}

@@ -9,14 +9,14 @@ import pytest
 
 from observer_loop import cycle_run
 from problems import C_EK_TRUE, FRAME, LINE, truth
-from starplumb import so3
-from starplumb.errors import InputError
-from starplumb.estimators import observer_rows as rows
-from starplumb.estimators.observer import Observer, describe
 from starplumb.estimators.protocol import Status
-from starplumb.geometry import observe
-from starplumb.simulate import Errors, measure
-from starplumb.units import ARCMIN, ARCSEC, DEG
+from starplumb.estimators.published import observer_rows as rows
+from starplumb.estimators.published.observer import Observer, describe
+from starplumb.physics import so3
+from starplumb.physics.errors import InputError
+from starplumb.physics.units import ARCMIN, ARCSEC, DEG
+from starplumb.table.geometry import observe
+from starplumb.table.simulate import Errors, measure
 
 
 def two_images(**changes):

@@ -7,8 +7,8 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import minimize_scalar
 
-from starplumb.orbit import C_RO, GM_EARTH, C_OK_nadir, KeplerOrbit, pointing, turned
-from starplumb.units import DEG
+from starplumb.physics.orbit import C_RO, GM_EARTH, C_OK_nadir, KeplerOrbit, pointing, turned
+from starplumb.physics.units import DEG
 
 R_UP = np.array([7e6, 0.0, 0.0])
 V_NORTH = np.array([0.0, 0.0, 7.5e3])

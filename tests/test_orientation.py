@@ -12,10 +12,10 @@ import pytest
 from astropy_iers_data import IERS_A_FILE
 from scipy.interpolate import lagrange
 
-from starplumb.earth import OMEGA_EARTH
-from starplumb.errors import EpochError, InputError
-from starplumb.orientation import EarthOrientation
-from starplumb.timescales import format_iso, parse, utc_minus_tai
+from starplumb.physics.earth import OMEGA_EARTH
+from starplumb.physics.errors import EpochError, InputError
+from starplumb.physics.orientation import EarthOrientation
+from starplumb.physics.timescales import format_iso, parse, utc_minus_tai
 
 MAS = erfa.DAS2R / 1000
 SECOND = 1_000_000_000

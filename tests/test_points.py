@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from starplumb.calibration import calibrate
 from starplumb.cli.app import app
-from starplumb.demo import demo
-from starplumb.earth import itrf_to_geodetic
-from starplumb.errors import InputError
 from starplumb.estimators.gls import Gls
-from starplumb.io.campaign import load_campaign
-from starplumb.io.points import read_asp, read_ground_points, read_qgis
-from starplumb.io.write_campaign import write_campaign
-from starplumb.units import DEG
+from starplumb.io.campaign.read import load_campaign
+from starplumb.io.campaign.write import write_campaign
+from starplumb.io.gis.points import read_asp, read_ground_points, read_qgis
+from starplumb.judge.calibrate import calibrate
+from starplumb.physics.earth import itrf_to_geodetic
+from starplumb.physics.errors import InputError
+from starplumb.physics.units import DEG
+from starplumb.plan.demo import demo
 
 pytest.importorskip("rasterio", reason="needs the extra gis")
 # rasterio multiplies its transforms in the old way
@@ -249,7 +249,7 @@ def test_residuals_are_a_layer_of_points(tmp_path):
 def test_without_the_library_of_maps_nothing_is_begun(tmp_path, monkeypatch):
     campaign, _ = demo("frame", 2, 8)
     path = write_campaign(tmp_path, campaign)
-    monkeypatch.setattr("starplumb.io.geopackage.find_spec", lambda name: None)
+    monkeypatch.setattr("starplumb.io.gis.geopackage.find_spec", lambda name: None)
     result = CliRunner().invoke(app, ["calibrate", str(path), "--gpkg"])
     assert isinstance(result.exception, InputError)
     assert "starplumb[gis]" in str(result.exception)

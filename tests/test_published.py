@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 
 from command import starplumb
-from starplumb import so3
-from starplumb.earth import geodetic_to_itrf, itrf_to_geodetic
-from starplumb.errors import InputError
-from starplumb.model import residual_px
+from starplumb.physics import so3
+from starplumb.physics.earth import geodetic_to_itrf, itrf_to_geodetic
+from starplumb.physics.errors import InputError
+from starplumb.physics.units import ARCSEC, DEG
 from starplumb.published import lebedev2012, lebedev_images, lebedev_projective, tkachenko2019
 from starplumb.published.comparison import Recomputed, judge
 from starplumb.published.lebedev_scene import C_JI, Nadir, orbital_axes
 from starplumb.published.reproduce import TABLES, document, reproduce
 from starplumb.published.tables import NAMES, published, scenario, source
 from starplumb.published.tkachenko_scene import C_EK_MODEL, draw, errors_E, trackers
-from starplumb.units import ARCSEC, DEG
+from starplumb.table.equation import residual_px
 
 PAPER = scenario("paper2019")
 SLIDES = scenario("slides2012")

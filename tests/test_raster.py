@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from problems import C_EK_TRUE, FRAME, LINE, truth
-from starplumb import so3
-from starplumb.camera import Distortion
-from starplumb.earth import itrf_to_geodetic
-from starplumb.errors import InputError
-from starplumb.geometry import locate
-from starplumb.raster import Terrain, geodetic_rows, locate_on_terrain, locate_rows
-from starplumb.units import DEG
+from starplumb.ground.grid import Terrain, geodetic_rows, locate_on_terrain, locate_rows
+from starplumb.physics import so3
+from starplumb.physics.camera import Distortion
+from starplumb.physics.earth import itrf_to_geodetic
+from starplumb.physics.errors import InputError
+from starplumb.physics.units import DEG
+from starplumb.table.geometry import locate
 
 BENT = replace(FRAME, distortion=Distortion((0.3, 20.0, 0.0), (1e-3, -2e-3)))
 ROWS, COLUMNS = np.linspace(0.0, 11999.0, 5), np.linspace(0.0, 11999.0, 41)

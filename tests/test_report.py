@@ -16,22 +16,21 @@ from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from problems import C_EK_TRUE, truth
-from starplumb import so3
-from starplumb.calibration import calibrate
 from starplumb.cli.app import app
-from starplumb.demo import demo
-from starplumb.earth import C_JT, itrf_to_geodetic
 from starplumb.estimators.gls import Gls
 from starplumb.estimators.selfcal import SelfCalibration
 from starplumb.estimators.wahba import Wahba
-from starplumb.intersection import intersect
-from starplumb.io.result import result_document
+from starplumb.ground.intersection import intersect
+from starplumb.io.results.result import result_document
+from starplumb.judge.calibrate import PRIOR, calibrate, shares
+from starplumb.physics import so3
+from starplumb.physics.earth import C_JT, itrf_to_geodetic
+from starplumb.physics.units import ARCSEC
+from starplumb.plan.demo import demo
 from starplumb.report import calibration_page, simulation_page
 from starplumb.report.plots import Ellipse, outline, thinned
 from starplumb.report.text import euler_zyx, length, measured, number
-from starplumb.shares import PRIOR, shares
-from starplumb.units import ARCSEC
-from starplumb.wanted import parameters
+from starplumb.table.parameter_names import parameters
 
 HOSTILE = "<script>alert('x')</script>"
 
@@ -373,7 +372,7 @@ def test_of_very_many_images_and_landmarks_the_worst_are_listed(campaign, monkey
     provenance = {"corrections": {}, "notices": [], "earth_orientation": None}
     full = result_document(done, "gls", names, {}, provenance)
     assert "not_listed" not in full
-    monkeypatch.setattr("starplumb.io.result.LISTED_AT_MOST", 2)
+    monkeypatch.setattr("starplumb.io.results.result.LISTED_AT_MOST", 2)
     monkeypatch.setattr("starplumb.report.calibration_lists.IMAGES_AT_MOST", 1)
     monkeypatch.setattr("starplumb.report.calibration_lists.LISTED_AT_MOST", 1)
     short = result_document(done, "gls", names, {}, provenance)

@@ -8,17 +8,18 @@ import numpy as np
 import pytest
 
 from problems import C_EK_TRUE, FRAME, LINE, truth
-from starplumb import so3, streaming
 from starplumb.estimators import robust as robust_module
 from starplumb.estimators.consensus import Consensus, _largest, cluster, consensus, pair_rotation
 from starplumb.estimators.gls import Gls
 from starplumb.estimators.protocol import Status, Verdict
 from starplumb.estimators.robust import Robust
 from starplumb.estimators.selfcal import SelfCalibration, State
-from starplumb.geometry import observe
-from starplumb.parameters import Optics
-from starplumb.simulate import Errors, measure
-from starplumb.units import ARCSEC, DEG
+from starplumb.physics import so3
+from starplumb.physics.units import ARCSEC, DEG
+from starplumb.solve import streaming
+from starplumb.table.geometry import observe
+from starplumb.table.parameters import Optics
+from starplumb.table.simulate import Errors, measure
 
 PIXEL = 9e-6 / 2.2
 

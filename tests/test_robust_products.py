@@ -7,16 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from starplumb import so3
-from starplumb.calibration import calibrate
-from starplumb.campaign import Landmarks, Sightings
-from starplumb.earth import geodetic_to_itrf
 from starplumb.estimators.gls import Gls
 from starplumb.estimators.robust import Robust
-from starplumb.geometry import locate
-from starplumb.io.digitalglobe import read_digitalglobe
-from starplumb.io.digitalglobe_geo import Optics
-from starplumb.io.dimap import read_dimap
+from starplumb.io.vendors.digitalglobe import read_digitalglobe
+from starplumb.io.vendors.digitalglobe_geo import Optics
+from starplumb.io.vendors.dimap import read_dimap
+from starplumb.judge.calibrate import calibrate
+from starplumb.physics import so3
+from starplumb.physics.earth import geodetic_to_itrf
+from starplumb.table.campaign import Landmarks, Sightings
+from starplumb.table.geometry import locate
 
 QUICKBIRD = Optics(principal_distance_mm=8836.202, pitch_mm=0.01191396, origin_mm=(9.54684, 164.02773))
 

@@ -8,17 +8,20 @@ import numpy as np
 import pytest
 
 from problems import UniformEarth
-from starplumb import layout, passes, so3, sources
-from starplumb.earth import C_JT, geodetic_to_itrf, itrf_to_geodetic
-from starplumb.error_models import Tracker, fused_axes
-from starplumb.errors import InputError
 from starplumb.estimators.gls import Gls
-from starplumb.io.scenario import find_scenario, load_scenario, shipped_scenarios
-from starplumb.model import residual_px
-from starplumb.orbit import KeplerOrbit, argument_of_latitude
-from starplumb.simulate import measure
-from starplumb.sources import Distribution, Effect, combine
-from starplumb.units import ARCSEC, DEG
+from starplumb.io.scenario.read import find_scenario, load_scenario, shipped_scenarios
+from starplumb.physics import so3
+from starplumb.physics.earth import C_JT, geodetic_to_itrf, itrf_to_geodetic
+from starplumb.physics.errors import InputError
+from starplumb.physics.orbit import KeplerOrbit, argument_of_latitude
+from starplumb.physics.units import ARCSEC, DEG
+from starplumb.plan import error_sources as sources
+from starplumb.plan import marker_layout as layout
+from starplumb.plan import passes
+from starplumb.plan.error_catalogue import Tracker, fused_axes
+from starplumb.plan.error_sources import Distribution, Effect, combine
+from starplumb.table.equation import residual_px
+from starplumb.table.simulate import measure
 
 SMALL = """\
 [scenario]

@@ -8,21 +8,22 @@ import numpy as np
 import pytest
 
 from problems import C_EK_TRUE, FRAME, LINE, SIGMAS, truth
-from starplumb import scene, so3
-from starplumb.calibration import calibrate
-from starplumb.camera import Distortion
-from starplumb.errors import InputError
 from starplumb.estimators.gls import Gls
 from starplumb.estimators.protocol import Status
 from starplumb.estimators.robust import Robust
 from starplumb.estimators.selfcal import SelfCalibration
-from starplumb.geometry import observe
-from starplumb.model import linearise, predict
-from starplumb.parameters import OPTICS, LookAngles, Optics, TimeOffset, TrackerMounting
-from starplumb.separability import combinations, flight_axes, known
-from starplumb.simulate import Errors, measure
-from starplumb.units import ARCSEC, DEG
-from starplumb.wanted import parameters
+from starplumb.judge.calibrate import calibrate
+from starplumb.judge.separability import combinations, flight_axes, known
+from starplumb.physics import so3
+from starplumb.physics.camera import Distortion
+from starplumb.physics.errors import InputError
+from starplumb.physics.units import ARCSEC, DEG
+from starplumb.plan import scene
+from starplumb.table.equation import linearise, predict
+from starplumb.table.geometry import observe
+from starplumb.table.parameter_names import parameters
+from starplumb.table.parameters import OPTICS, LookAngles, Optics, TimeOffset, TrackerMounting
+from starplumb.table.simulate import Errors, measure
 
 INF = np.inf
 BENT = replace(FRAME, distortion=Distortion((0.3, 20.0, 0.0), (1e-3, -2e-3)))

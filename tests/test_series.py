@@ -9,11 +9,11 @@ from scipy.interpolate import CubicHermiteSpline, KroghInterpolator
 from scipy.spatial.transform import Rotation, Slerp
 
 from problems import UniformEarth
-from starplumb import so3
-from starplumb.earth import OMEGA_EARTH
-from starplumb.errors import EpochError, InputError
-from starplumb.series import Attitude, Bursts, Ephemeris
-from starplumb.units import ARCSEC, DEG
+from starplumb.physics import so3
+from starplumb.physics.earth import OMEGA_EARTH
+from starplumb.physics.errors import EpochError, InputError
+from starplumb.physics.series import Attitude, Bursts, Ephemeris
+from starplumb.physics.units import ARCSEC, DEG
 
 EPOCH_NS = 600_000_000 * 1_000_000_000
 GM, J2, RE = 3.986004418e14, 1.0826359e-3, 6378136.6

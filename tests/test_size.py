@@ -9,18 +9,19 @@ import numpy as np
 import pytest
 
 from problems import C_EK_TRUE, FRAME, LINE, truth
-from starplumb import adjustment, design_rows, so3, streaming
-from starplumb.adjustment import solve
-from starplumb.camera import Distortion
 from starplumb.estimators.gls import Gls
 from starplumb.estimators.protocol import Status
 from starplumb.estimators.selfcal import SelfCalibration, State
-from starplumb.geometry import observe
-from starplumb.model import linearise
-from starplumb.parameters import OPTICS, LookAngles, Optics, TimeOffset, TrackerMounting
-from starplumb.simulate import Errors, measure
-from starplumb.streaming import Stream
-from starplumb.units import ARCSEC, DEG
+from starplumb.physics import so3
+from starplumb.physics.camera import Distortion
+from starplumb.physics.units import ARCSEC, DEG
+from starplumb.solve import adjustment, design_rows, streaming
+from starplumb.solve.adjustment import solve
+from starplumb.solve.streaming import Stream
+from starplumb.table.equation import linearise
+from starplumb.table.geometry import observe
+from starplumb.table.parameters import OPTICS, LookAngles, Optics, TimeOffset, TrackerMounting
+from starplumb.table.simulate import Errors, measure
 
 FREE = np.inf
 BENT = replace(FRAME, distortion=Distortion((0.3, 20.0, 0.0), (1e-3, -2e-3)))

@@ -11,23 +11,24 @@ from scipy.linalg import block_diag
 from scipy.stats import chi2 as chi2_distribution
 
 from problems import C_EK_TRUE, FRAME, LINE, truth
-from starplumb import adjustment, arrow, covisibility, elimination, so3, streaming
-from starplumb.adjustment import solve
-from starplumb.calibration import calibrate
 from starplumb.estimators.gls import Gls
 from starplumb.estimators.protocol import Verdict
 from starplumb.estimators.robust import Robust
 from starplumb.estimators.selfcal import SelfCalibration
-from starplumb.geometry import observe
-from starplumb.io.residual_table import residual_columns, residual_names
-from starplumb.io.write import csv_text
-from starplumb.model import linearise
-from starplumb.parameters import Optics
-from starplumb.reliability import Reliability, reliability
-from starplumb.residuals import residuals
-from starplumb.simulate import Errors, measure
-from starplumb.snooping import fit_at, rejections, snoop
-from starplumb.units import ARCSEC
+from starplumb.io.results.residual_table import residual_columns, residual_names
+from starplumb.io.text.write import csv_text
+from starplumb.judge.calibrate import calibrate
+from starplumb.judge.residuals import residuals
+from starplumb.judge.snooping import fit_at, rejections, snoop
+from starplumb.physics import so3
+from starplumb.physics.units import ARCSEC
+from starplumb.solve import adjustment, arrow, covisibility, elimination, streaming
+from starplumb.solve.adjustment import solve
+from starplumb.solve.reliability import Reliability, reliability
+from starplumb.table.equation import linearise
+from starplumb.table.geometry import observe
+from starplumb.table.parameters import Optics
+from starplumb.table.simulate import Errors, measure
 
 SCENES = {
     "own markers": lambda: observe(truth(FRAME, 3, 5)),

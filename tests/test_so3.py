@@ -7,8 +7,8 @@ import pytest
 from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
-from starplumb import so3
-from starplumb.units import ARCSEC, DEG
+from starplumb.physics import so3
+from starplumb.physics.units import ARCSEC, DEG
 
 ANGLES = np.array(
     [0.0, 1e-300, 1e-12, 0.02 * ARCSEC, 2 * ARCSEC, 200 * ARCSEC, DEG, 0.0999, 0.1001, 1.0, 3.0, 179.9 * DEG]

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from starplumb.errors import InputError
-from starplumb.io.sp3 import read_sp3
+from starplumb.io.formats.sp3 import read_sp3
+from starplumb.physics.errors import InputError
 
 S = 1_000_000_000
 

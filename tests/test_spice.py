@@ -9,9 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from starplumb import timescales
-from starplumb.errors import InputError
-from starplumb.io.spice import (
+from starplumb.io.formats.spice import (
     FrameIds,
     frame_kernel_text,
     frame_name,
@@ -19,7 +17,9 @@ from starplumb.io.spice import (
     tdb_seconds,
     write_frame_kernel,
 )
-from starplumb.units import ARCSEC
+from starplumb.physics import timescales
+from starplumb.physics.errors import InputError
+from starplumb.physics.units import ARCSEC
 
 spice = pytest.importorskip("spiceypy")
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from starplumb.statistics import Moments, Sketch, chi2_band, trials_for
+from starplumb.study.statistics import Moments, Sketch, chi2_band, trials_for
 
 
 @pytest.mark.parametrize("cuts", [[1000], [1, 999], [10, 400, 77, 513], [0, 1000]])

@@ -15,20 +15,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from starplumb import so3
-from starplumb.errors import InputError
 from starplumb.estimators.gls import Gls
 from starplumb.estimators.protocol import AlignmentEstimate, Status
 from starplumb.estimators.wahba import Wahba
-from starplumb.io.samples import choose as choose_samples
-from starplumb.io.samples import write_samples
-from starplumb.io.scenario import find_scenario, load_scenario
-from starplumb.linear import Linear, bound_E
-from starplumb.sources import Distribution
-from starplumb.study import Study, Tally
-from starplumb.study_run import Dask, Processes, Serial, choose, run
-from starplumb.study_store import Store
-from starplumb.study_summary import summarise, tally
+from starplumb.io.results.samples import choose as choose_samples
+from starplumb.io.results.samples import write_samples
+from starplumb.io.scenario.read import find_scenario, load_scenario
+from starplumb.physics import so3
+from starplumb.physics.errors import InputError
+from starplumb.plan.bound import Linear, bound_E
+from starplumb.plan.error_sources import Distribution
+from starplumb.study.monte_carlo import Study, Tally
+from starplumb.study.run import Dask, Processes, Serial, choose, run
+from starplumb.study.store import Store
+from starplumb.study.summary import summarise, tally
 
 
 @pytest.fixture(scope="module")
@@ -82,7 +82,7 @@ def test_estimators_share_their_draws_and_do_not_change_them(two_images):
 
 
 def test_a_chunk_never_holds_more_sightings_at_once_than_it_says(monkeypatch, two_images):
-    monkeypatch.setattr("starplumb.study.SIGHTINGS_AT_ONCE", 4 * 30)
+    monkeypatch.setattr("starplumb.study.monte_carlo.SIGHTINGS_AT_ONCE", 4 * 30)
     batches = []
 
     class Recorder(Wahba):

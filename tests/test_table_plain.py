@@ -12,11 +12,12 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-from starplumb.errors import InputError
-from starplumb.io import table_parsers, table_plain
-from starplumb.io.table_header import Columns, Wanted
-from starplumb.io.table_plain import read_plain
-from starplumb.io.table_rows import read_rows
+from starplumb.io.tables import parsers as table_parsers
+from starplumb.io.tables import plain as table_plain
+from starplumb.io.tables.header import Columns, Wanted
+from starplumb.io.tables.plain import read_plain
+from starplumb.io.tables.rows import read_rows
+from starplumb.physics.errors import InputError
 
 WANTED = Wanted(("id",), ("x",), ("name",), ("y",))
 PARSERS = {"NumPy": table_parsers.numpy_parser, "PyArrow": table_parsers.arrow_parser}

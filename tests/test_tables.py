@@ -13,11 +13,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from starplumb.errors import InputError
-from starplumb.io.files import fingerprint, nearest, read_text, show
-from starplumb.io.lookup import WORTHWHILE, by_arrow, by_dictionary, places
-from starplumb.io.tables import read_table
-from starplumb.io.write import csv_pieces, csv_text, json_text, publish, write_text
+from starplumb.io.tables.lookup import WORTHWHILE, by_arrow, by_dictionary, places
+from starplumb.io.tables.read import read_table
+from starplumb.io.text.files import fingerprint, nearest, read_text, show
+from starplumb.io.text.write import csv_pieces, csv_text, json_text, publish, write_text
+from starplumb.physics.errors import InputError
 
 PLAIN = "id,x,y\na,1.5,-2\nb,+3e2,.5\n"
 

@@ -8,8 +8,8 @@ import erfa
 import numpy as np
 import pytest
 
-from starplumb.errors import EpochError, InputError
-from starplumb.timescales import (
+from starplumb.physics.errors import EpochError, InputError
+from starplumb.physics.timescales import (
     SCALES,
     format_iso,
     leap_seconds,

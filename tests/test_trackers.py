@@ -15,16 +15,16 @@ from bad_cases import swap
 from command import starplumb
 from helpers import ATTITUDE, CAMPAIGN, write_good_campaign
 from problems import C_EK_TRUE, FRAME, LINE, truth
-from starplumb import so3
-from starplumb.errors import EpochError, InputError
 from starplumb.estimators.gls import Gls
-from starplumb.geometry import observe
-from starplumb.io.campaign import load_campaign
-from starplumb.io.write_campaign import write_campaign
-from starplumb.series import Attitude
-from starplumb.simulate import Errors, measure
-from starplumb.trackers import FusedAttitude, TrackerSeries, fusion_weights, mean_rotation
-from starplumb.units import ARCSEC, DEG
+from starplumb.io.campaign.read import load_campaign
+from starplumb.io.campaign.write import write_campaign
+from starplumb.physics import so3
+from starplumb.physics.errors import EpochError, InputError
+from starplumb.physics.series import Attitude
+from starplumb.physics.trackers import FusedAttitude, TrackerSeries, fusion_weights, mean_rotation
+from starplumb.physics.units import ARCSEC, DEG
+from starplumb.table.geometry import observe
+from starplumb.table.simulate import Errors, measure
 
 Array = NDArray[np.float64]
 

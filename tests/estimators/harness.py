@@ -9,18 +9,18 @@ from functools import cache
 import numpy as np
 
 from problems import C_EK_TRUE, FRAME, LINE, truth
-from starplumb.estimators.cross_product import CrossProduct
 from starplumb.estimators.gls import Gls
-from starplumb.estimators.ground_plane import GroundPlane
-from starplumb.estimators.image_plane import ImagePlane
-from starplumb.estimators.least_squares import LeastSquares
-from starplumb.estimators.projective import Projective
 from starplumb.estimators.protocol import Estimator
+from starplumb.estimators.published.cross_product import CrossProduct
+from starplumb.estimators.published.ground_plane import GroundPlane
+from starplumb.estimators.published.image_plane import ImagePlane
+from starplumb.estimators.published.least_squares import LeastSquares
+from starplumb.estimators.published.projective import Projective
 from starplumb.estimators.sequential import Sequential
 from starplumb.estimators.wahba import Wahba
-from starplumb.geometry import observe
-from starplumb.observations import Observations
-from starplumb.simulate import Errors, measure
+from starplumb.table.geometry import observe
+from starplumb.table.observations import Observations
+from starplumb.table.simulate import Errors, measure
 
 ONE_STEP: dict[str, type] = {
     "image-plane": ImagePlane,

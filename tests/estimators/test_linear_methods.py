@@ -10,18 +10,18 @@ from harness import ONE_STEP, scene, still
 from test_signs import table
 
 from problems import C_EK_TRUE, FRAME, LINE, truth
-from starplumb import so3
-from starplumb.corrections import Corrections
-from starplumb.earth import C_JT, itrf_to_geodetic
-from starplumb.errors import InputError
 from starplumb.estimators.gls import Gls
-from starplumb.estimators.ground_plane import GroundPlane
-from starplumb.estimators.image_plane import ImagePlane
-from starplumb.estimators.least_squares import LeastSquares
-from starplumb.estimators.linear import Normal, accumulate, estimate, invert_symmetric
-from starplumb.geometry import observe
-from starplumb.simulate import Errors, measure
-from starplumb.units import ARCMIN, ARCSEC, DEG
+from starplumb.estimators.published.ground_plane import GroundPlane
+from starplumb.estimators.published.image_plane import ImagePlane
+from starplumb.estimators.published.least_squares import LeastSquares
+from starplumb.estimators.published.linear_steps import Normal, accumulate, estimate, invert_symmetric
+from starplumb.physics import so3
+from starplumb.physics.earth import C_JT, itrf_to_geodetic
+from starplumb.physics.errors import InputError
+from starplumb.physics.light import Corrections
+from starplumb.physics.units import ARCMIN, ARCSEC, DEG
+from starplumb.table.geometry import observe
+from starplumb.table.simulate import Errors, measure
 
 
 @pytest.mark.parametrize("name", ONE_STEP)

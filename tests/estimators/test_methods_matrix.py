@@ -9,12 +9,12 @@ import pytest
 from harness import BATCHES, CONVERGED, ONE_STEP, PROBLEMS, SOURCES, STATES_SIGMA, Source, scene, still
 
 from problems import C_EK_TRUE
-from starplumb import so3
 from starplumb.estimators import METHODS
 from starplumb.estimators.protocol import Status
-from starplumb.model import linearise
-from starplumb.simulate import Errors, measure
-from starplumb.units import ARCSEC, DEG
+from starplumb.physics import so3
+from starplumb.physics.units import ARCSEC, DEG
+from starplumb.table.equation import linearise
+from starplumb.table.simulate import Errors, measure
 
 THETA = np.array([0.3, -0.2, 0.4]) * DEG
 

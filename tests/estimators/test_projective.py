@@ -10,13 +10,13 @@ from harness import scene, still
 from test_signs import H, R, table
 
 from problems import C_EK_TRUE, FRAME, SIGMAS, truth
-from starplumb import so3
-from starplumb.estimators.projective import Projective
 from starplumb.estimators.protocol import Status
-from starplumb.geometry import observe
-from starplumb.scene import mark_pixels
-from starplumb.simulate import Errors, measure
-from starplumb.units import ARCSEC
+from starplumb.estimators.published.projective import Projective
+from starplumb.physics import so3
+from starplumb.physics.units import ARCSEC
+from starplumb.plan.scene import mark_pixels
+from starplumb.table.geometry import observe
+from starplumb.table.simulate import Errors, measure
 
 
 def test_position_by_hand():

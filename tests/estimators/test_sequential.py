@@ -9,15 +9,15 @@ import pytest
 from harness import scene, still
 
 from problems import C_EK_TRUE, FRAME, truth
-from starplumb import so3
-from starplumb.errors import InputError
 from starplumb.estimators.gls import Gls
 from starplumb.estimators.protocol import Status
 from starplumb.estimators.sequential import Sequential
-from starplumb.geometry import observe
-from starplumb.model import linearise
-from starplumb.simulate import Errors, measure
-from starplumb.units import ARCSEC, DEG
+from starplumb.physics import so3
+from starplumb.physics.errors import InputError
+from starplumb.physics.units import ARCSEC, DEG
+from starplumb.table.equation import linearise
+from starplumb.table.geometry import observe
+from starplumb.table.simulate import Errors, measure
 
 MODEL = so3.exp(np.array([0.5, -0.8, 1.0]) * DEG) @ C_EK_TRUE
 

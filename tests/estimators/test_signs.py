@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from harness import CONVERGED, ONE_STEP
 
-from starplumb.corrections import Corrections
 from starplumb.estimators import METHODS
-from starplumb.observations import Observations
-from starplumb.units import ARCSEC
+from starplumb.physics.light import Corrections
+from starplumb.physics.units import ARCSEC
+from starplumb.table.observations import Observations
 
 H = 600_000.0
 R = 6_378_137.0
@@ -85,7 +85,7 @@ def test_theta_of_each_source_has_its_own_sign(axis):
     Algorithms 2 and 3 write the turn from E to the camera as E + Phi(theta), algorithm 4 as E - Phi(theta); the paper
     writes the model C* = (E + Phi(theta)) C, so a model at the identity is off by minus the camera's own turn.
     """
-    from starplumb.estimators.linear import Normal
+    from starplumb.estimators.published.linear_steps import Normal
 
     a = 20.0 * ARCSEC
     D = np.diag([1.0, -1.0, -1.0])

@@ -7,7 +7,7 @@ import sys
 
 def main() -> None:
     """Run the command; a user's mistake ends in one line on standard error and the exit status of the interface."""
-    from ..errors import AlignmentFailed, InputError
+    from ..physics.errors import AlignmentFailed, InputError
     from .app import app
 
     try:

@@ -48,10 +48,10 @@ def budget(
 
       starplumb budget scenario.toml --methods gls,wahba --out study
     """
-    from ..budget_document import document
-    from ..io.scenario import find_scenario, load_scenario
-    from ..io.write import json_text, publish
-    from ..units import ARCSEC
+    from ..io.scenario.read import find_scenario, load_scenario
+    from ..io.text.write import json_text, publish
+    from ..physics.units import ARCSEC
+    from ..study.budget_document import document
     from .simulate import chosen_estimators
 
     speak = Output(json, quiet, verbose)

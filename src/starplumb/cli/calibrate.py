@@ -13,10 +13,10 @@ from .output import Json, Output, Quiet, Verbose
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from ..calibration import Calibration
-    from ..io.campaign import LoadedCampaign
-    from ..labelling import Labels
-    from ..so3 import Array
+    from ..identify.labelling import Labels
+    from ..io.campaign.read import LoadedCampaign
+    from ..judge.calibrate import Calibration
+    from ..physics.so3 import Array
 
 MAP = "residuals.gpkg"
 """The residuals for a geographic information system, written with --gpkg."""
@@ -67,15 +67,15 @@ def calibrate(
 
       starplumb calibrate campaign.toml --robust --estimate focal_length,time_offset=10ms
     """
-    from ..calibration import calibrate as run
-    from ..io.campaign import load_campaign
+    from ..io.campaign.read import load_campaign
+    from ..judge.calibrate import calibrate as run
     from .choices import estimator_of, label_sentence, labelled
 
     speak = Output(json, quiet, verbose)
     method = "robust" if robust and method == "gls" else method
     out = out or campaign.parent / "result"
     if gpkg:
-        from ..io.geopackage import require_pyogrio
+        from ..io.gis.geopackage import require_pyogrio
 
         require_pyogrio(out / MAP)
     loaded = load_campaign(campaign, with_detections=True)
@@ -93,16 +93,16 @@ def calibrate(
     speak.show(_table(done, loaded.C_EK_true), *named, *_sentences(done, out), *_advice(done, campaign))
     speak.detail(*(f"{name}: {digest}" for name, digest in loaded.inputs.items()))
     if not done.status.usable:
-        from ..errors import AlignmentFailed
+        from ..physics.errors import AlignmentFailed
 
         raise AlignmentFailed(f"{campaign}: {done.message}")
 
 
 def _refuse(path: Path, loaded: LoadedCampaign, labels: Labels, method: str, out: Path) -> NoReturn:
     """Write why the detections could not be named, and end with it."""
-    from ..errors import AlignmentFailed
-    from ..io.labels import refused_document
-    from ..io.write import json_text, publish
+    from ..io.results.labels import refused_document
+    from ..io.text.write import json_text, publish
+    from ..physics.errors import AlignmentFailed
     from .choices import label_files
 
     files = {
@@ -117,10 +117,10 @@ def _publish(
     loaded: LoadedCampaign, done: Calibration, method: str, out: Path, report: bool, labels: Labels | None
 ) -> dict[str, Any]:
     """Write the files of the result, all or none, and return result.json; files of an earlier one go."""
-    from ..io.residual_table import residual_columns, residual_names
-    from ..io.result import provenance, result_document
-    from ..io.spice import frame_kernel_text
-    from ..io.write import csv_pieces, json_text, publish
+    from ..io.formats.spice import frame_kernel_text
+    from ..io.results.residual_table import residual_columns, residual_names
+    from ..io.results.result import provenance, result_document
+    from ..io.text.write import csv_pieces, json_text, publish
 
     frames = ("camera", loaded.config.tracker)
     document = result_document(done, method, frames, loaded.inputs, provenance(loaded), loaded.C_EK_true)
@@ -155,10 +155,10 @@ def _publish(
 
 def _publish_map(done: Calibration, shift_px: float, out: Path) -> None:
     """The residuals at their landmarks as a layer of points."""
-    from ..earth import itrf_to_geodetic
-    from ..io.geopackage import write_residuals
-    from ..io.residual_table import residual_columns, residual_names
-    from ..units import DEG
+    from ..io.gis.geopackage import write_residuals
+    from ..io.results.residual_table import residual_columns, residual_names
+    from ..physics.earth import itrf_to_geodetic
+    from ..physics.units import DEG
 
     place_J = done.campaign.landmarks.r_J[done.campaign.sightings.landmark]
     latitude, longitude, _ = itrf_to_geodetic(place_J)
@@ -168,7 +168,7 @@ def _publish_map(done: Calibration, shift_px: float, out: Path) -> None:
 
 def _advice(done: Calibration, campaign: Path) -> list[str]:
     """Where to look when the residuals are implausible."""
-    from ..consistency import IMPLAUSIBLE_P
+    from ..judge.consistency import IMPLAUSIBLE_P
 
     if done.chi2_p is None or done.chi2_p >= IMPLAUSIBLE_P:
         return []
@@ -179,8 +179,8 @@ def _table(done: Calibration, C_EK_true: Array | None) -> Table:
     """Correction and sigma about the star tracker's axes."""
     from rich.table import Table
 
-    from .. import so3
-    from ..units import ARCSEC
+    from ..physics import so3
+    from ..physics.units import ARCSEC
 
     table = Table(title=f"Alignment of {done.campaign.name}", title_justify="left")
     for heading in ("arcsec about", "x", "y", "z"):

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from ..calibration import Calibration
-    from ..campaign import Campaign
     from ..estimators.protocol import Estimator
-    from ..io.campaign import LoadedCampaign
-    from ..labelling import Labels
+    from ..identify.labelling import Labels
+    from ..io.campaign.read import LoadedCampaign
+    from ..judge.calibrate import Calibration
+    from ..table.campaign import Campaign
 
 WEIGHTED = ("gls", "robust")
 """Methods whose adjustment can carry further parameters."""
@@ -21,12 +21,12 @@ def estimator_of(method: str, estimate: Sequence[str], campaign: Campaign) -> Es
 
     Raises InputError for an unknown method or parameter.
     """
-    from ..errors import InputError
     from ..estimators import METHODS
     from ..estimators.robust import Robust
     from ..estimators.selfcal import SelfCalibration
-    from ..io.files import nearest
-    from ..wanted import parameters
+    from ..io.text.files import nearest
+    from ..physics.errors import InputError
+    from ..table.parameter_names import parameters
 
     if method not in METHODS:
         near = nearest(method, METHODS)
@@ -45,9 +45,9 @@ def labelled(loaded: LoadedCampaign, reach_deg: float) -> tuple[LoadedCampaign, 
     """The campaign with its detections named, and the labels; as it is where its landmarks are known."""
     from dataclasses import replace
 
-    from ..errors import InputError
-    from ..labelling import label
-    from ..units import DEG
+    from ..identify.labelling import label
+    from ..physics.errors import InputError
+    from ..physics.units import DEG
 
     if loaded.detections is None:
         return loaded, None
@@ -62,8 +62,8 @@ def labelled(loaded: LoadedCampaign, reach_deg: float) -> tuple[LoadedCampaign, 
 
 def label_files(loaded: LoadedCampaign, labels: Labels) -> dict[str, str]:
     """``labels.csv``: what became of each detection; ``observations.csv``: the named ones, to be used as such."""
-    from ..io.labels import LABEL_COLUMNS, OBSERVATION_COLUMNS, label_columns, observation_columns
-    from ..io.write import csv_text
+    from ..io.results.labels import LABEL_COLUMNS, OBSERVATION_COLUMNS, label_columns, observation_columns
+    from ..io.text.write import csv_text
 
     return {
         "labels.csv": csv_text(LABEL_COLUMNS, label_columns(loaded, labels)),
@@ -84,8 +84,8 @@ def outcome_sentences(done: Calibration) -> list[str]:
     """What was rejected and what was estimated beside the alignment, a line each; nothing where there was none."""
     import numpy as np
 
-    from ..separability import known
-    from ..wanted import UNITS, unit_of
+    from ..judge.separability import known
+    from ..table.parameter_names import UNITS, unit_of
 
     lines = []
     if done.rejected:

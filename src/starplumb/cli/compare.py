@@ -12,9 +12,9 @@ from .output import Json, Output, Quiet, Verbose
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from ..comparison import Answer
-    from ..io.campaign import LoadedCampaign
-    from ..so3 import Array
+    from ..io.campaign.read import LoadedCampaign
+    from ..judge.compare import Answer
+    from ..physics.so3 import Array
 
 SCHEMA = "starplumb-compare/1"
 
@@ -36,11 +36,11 @@ def compare(
 
       starplumb compare campaign.toml --json --out results
     """
-    from ..comparison import answers as run
-    from ..errors import AlignmentFailed
     from ..estimators import METHODS
-    from ..io.campaign import load_campaign
-    from ..io.write import json_text, write_text
+    from ..io.campaign.read import load_campaign
+    from ..io.text.write import json_text, write_text
+    from ..judge.compare import answers as run
+    from ..physics.errors import AlignmentFailed
 
     speak = Output(json, quiet, verbose)
     loaded = load_campaign(campaign)
@@ -61,15 +61,15 @@ def compare(
 
 
 def _error(answer: Answer, C_EK_true: Array) -> Array:
-    from .. import so3
+    from ..physics import so3
 
     return so3.log(answer.C_EK @ C_EK_true.mT)
 
 
 def _document(answers: tuple[Answer, ...], loaded: LoadedCampaign) -> dict[str, Any]:
     """``compare.json``; numbers that a method does not state are null."""
-    from ..io.result import numbers
-    from ..units import ARCSEC
+    from ..io.results.result import numbers
+    from ..physics.units import ARCSEC
 
     def arcsec(values: Array | None) -> Any:
         return None if values is None else numbers(values / ARCSEC)
@@ -103,7 +103,7 @@ def _table(answers: tuple[Answer, ...], loaded: LoadedCampaign) -> Table:
     from rich import box
     from rich.table import Table
 
-    from ..units import ARCSEC
+    from ..physics.units import ARCSEC
 
     truth = loaded.C_EK_true
     title = f"{loaded.campaign.name}: arcsec about the star tracker's axes"

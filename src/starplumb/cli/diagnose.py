@@ -12,9 +12,9 @@ from .output import Json, Output, Quiet, Verbose
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from ..diagnosis import Diagnosis, Trial
-    from ..io.campaign import LoadedCampaign
-    from ..mistakes import Written
+    from ..io.campaign.read import LoadedCampaign
+    from ..judge.conventions import Written
+    from ..judge.diagnose import Diagnosis, Trial
 
 SHOWN = 8
 """Trials in the table; --verbose and --json show all."""
@@ -40,8 +40,8 @@ def diagnose(
       \b
       starplumb diagnose campaign.toml --json
     """
-    from ..diagnosis import diagnose as run
-    from ..io.campaign import load_campaign
+    from ..io.campaign.read import load_campaign
+    from ..judge.diagnose import diagnose as run
 
     speak = Output(json, quiet, verbose)
     loaded = load_campaign(campaign)
@@ -53,8 +53,8 @@ def diagnose(
 
 def _written(loaded: LoadedCampaign) -> Written:
     """How the campaign's files say what they hold."""
-    from ..io.attitude_config import CAMERA
-    from ..mistakes import Written
+    from ..io.campaign.attitude_config import CAMERA
+    from ..judge.conventions import Written
 
     config = loaded.config
     attitude = next(iter(config.attitudes.values()))
@@ -66,8 +66,8 @@ def _written(loaded: LoadedCampaign) -> Written:
 
 
 def _trial(trial: Trial) -> dict[str, Any]:
-    from ..io.result import numbers
-    from ..units import DEG
+    from ..io.results.result import numbers
+    from ..physics.units import DEG
 
     return {
         "undone": [{"key": m.key, "what": m.what, "remedy": m.remedy} for m in trial.undone],
@@ -111,7 +111,7 @@ def _table(found: Diagnosis, shown: int | None) -> Table:
 
 
 def _cells(trial: Trial) -> tuple[str, str, str]:
-    from ..units import DEG
+    from ..physics.units import DEG
 
     if not trial.solved:
         return "no solution", "", ""
@@ -147,7 +147,7 @@ def _sentences(found: Diagnosis) -> list[str]:
 
 
 def _figures(trial: Trial) -> str:
-    from ..units import DEG
+    from ..physics.units import DEG
 
     if not trial.solved:
         return f"no solution ({trial.obstacle})"

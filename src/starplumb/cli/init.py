@@ -33,9 +33,9 @@ def init(
 
       starplumb init demo && starplumb calibrate demo/campaign.toml
     """
-    from ..demo import demo
-    from ..errors import InputError
-    from ..io.write_campaign import write_campaign
+    from ..io.campaign.write import write_campaign
+    from ..physics.errors import InputError
+    from ..plan.demo import demo
 
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise InputError(f"{folder}: found something there already, wanted a new or empty folder")

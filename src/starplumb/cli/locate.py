@@ -68,9 +68,9 @@ def locate(
     """
     import numpy as np
 
-    from ..errors import InputError
-    from ..io.campaign import load_campaign
-    from ..io.heights import surface
+    from ..io.campaign.read import load_campaign
+    from ..io.gis.heights import surface
+    from ..physics.errors import InputError
     from .located import View, single_pixel, whole_image
 
     if height_m is not None and not np.isfinite(height_m):

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 from .output import Output
 
 if TYPE_CHECKING:
-    from ..io.campaign import LoadedCampaign
-    from ..io.heights import Surface
-    from ..location import Location
-    from ..so3 import Array
+    from ..ground.locate import Location
+    from ..io.campaign.read import LoadedCampaign
+    from ..io.gis.heights import Surface
+    from ..physics.so3 import Array
 
 Told = tuple[dict[str, Any], list[str], list[str]]
 """A document for programs, and lines and details for people."""
@@ -40,8 +40,8 @@ class View:
         height_m: float,
     ) -> View:
         """Raises InputError for an unknown image, or a result that is of no use here."""
-        from ..errors import InputError
-        from ..io.result import read_mounting
+        from ..io.results.result import read_mounting
+        from ..physics.errors import InputError
 
         ids = loaded.campaign.images.ids
         if image_id not in ids:
@@ -59,8 +59,8 @@ def single_pixel(view: View, pixel: tuple[float, float], sigma_px: float, sigma_
     """The ground position of a pixel, counted as the user does, with its covariance."""
     import numpy as np
 
-    from ..errors import InputError
-    from ..location import ground
+    from ..ground.locate import ground
+    from ..physics.errors import InputError
 
     _require_inside(view.loaded, *pixel)
     C_EK, covariance_E, known = view.mounting
@@ -81,8 +81,8 @@ def _ground_height(view: View, ours: Array, pixel: tuple[float, float]) -> float
     """Height that a pixel sees; raises InputError where the DEM has none."""
     import numpy as np
 
-    from ..errors import InputError
-    from ..terrain import ground_height
+    from ..ground.terrain import ground_height
+    from ..physics.errors import InputError
 
     if view.surface is None:
         return view.height_m
@@ -101,9 +101,9 @@ def whole_image(view: View, path: Path, every: int, rows: int | None, speak: Out
     """Write the ground positions of every pixel, or of every few, with a progress bar on a terminal."""
     import numpy as np
 
-    from ..errors import InputError
-    from ..geolocation import block_count, positions, terrain_below
-    from ..io.geolocation import require_ending, write_grid
+    from ..ground.geolocation import block_count, positions, terrain_below
+    from ..io.gis.geolocation import require_ending, write_grid
+    from ..physics.errors import InputError
 
     require_ending(path)
     campaign, C_EK = view.loaded.campaign, view.mounting[0]
@@ -145,8 +145,8 @@ def whole_image(view: View, path: Path, every: int, rows: int | None, speak: Out
 
 def _require_inside(loaded: LoadedCampaign, column: float, row: float) -> None:
     """Raise InputError for a pixel, counted as the user does, that the image does not have."""
-    from ..errors import InputError
-    from ..io.markers import bounds_px
+    from ..io.campaign.markers import bounds_px
+    from ..physics.errors import InputError
 
     for name, value, count in zip(
         ("COLUMN", "ROW"), (column, row), loaded.campaign.camera.size_px, strict=True
@@ -167,8 +167,8 @@ def _model(loaded: LoadedCampaign) -> tuple[Array, Array, str]:
 
 
 def _document(where: Location, image: str, pixel: tuple[float, float], known: str) -> dict[str, Any]:
-    from ..io.result import numbers
-    from ..units import DEG
+    from ..io.results.result import numbers
+    from ..physics.units import DEG
 
     return {
         "image_id": image,

@@ -48,9 +48,9 @@ def points(
       \b
       starplumb points control.gcp --out campaign
     """
-    from ..io.ground_tables import Sigmas, tables
-    from ..io.heights import Ground
-    from ..io.write import publish
+    from ..io.campaign.ground_tables import Sigmas, tables
+    from ..io.gis.heights import Ground
+    from ..io.text.write import publish
 
     speak = Output(json, quiet, verbose)
     found, notices = tables(
@@ -73,7 +73,7 @@ def _three(option: str, text: str | None) -> tuple[float, float, float] | None:
     """One positive number, or three with commas between."""
     from math import isfinite
 
-    from ..errors import InputError
+    from ..physics.errors import InputError
 
     if text is None:
         return None

@@ -41,7 +41,7 @@ def reproduce(
 
       starplumb reproduce --out reproduced
     """
-    from ..io.write import json_text, write_text
+    from ..io.text.write import json_text, write_text
     from ..published.reproduce import TABLES, document, verdicts
     from ..published.reproduce import reproduce as recompute
 

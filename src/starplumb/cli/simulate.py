@@ -15,9 +15,9 @@ from .output import Json, Output, Quiet, Verbose
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from ..study import Study
-    from ..study_run import Scheduler
-    from ..study_store import Store
+    from ..study.monte_carlo import Study
+    from ..study.run import Scheduler
+    from ..study.store import Store
 
 
 def simulate(
@@ -72,10 +72,10 @@ def simulate(
 
       starplumb simulate scenario.toml --precision 0.02 --methods gls,wahba,observer --out study
     """
-    from ..io.samples import choose as choose_samples
-    from ..io.scenario import find_scenario, load_scenario
-    from ..study import Study
-    from ..study_run import choose
+    from ..io.results.samples import choose as choose_samples
+    from ..io.scenario.read import find_scenario, load_scenario
+    from ..study.monte_carlo import Study
+    from ..study.run import choose
 
     speak = Output(json, quiet, verbose)
     format = choose_samples(samples) if out is not None else "none"
@@ -98,8 +98,8 @@ def simulate(
 
 
 def _number_of_trials(trials: int | None, precision: float | None) -> int:
-    from ..errors import InputError
-    from ..statistics import trials_for
+    from ..physics.errors import InputError
+    from ..study.statistics import trials_for
 
     if trials is not None and precision is not None:
         raise InputError("--precision: found beside --trials, wanted only one of the two")
@@ -107,7 +107,7 @@ def _number_of_trials(trials: int | None, precision: float | None) -> int:
 
 
 def _checked_seed(seed: int) -> int:
-    from ..errors import InputError
+    from ..physics.errors import InputError
 
     if seed >= 2**64:
         raise InputError(f"--seed: found {seed}, wanted a whole number below 2^64")
@@ -116,9 +116,9 @@ def _checked_seed(seed: int) -> int:
 
 def chosen_estimators(names: str) -> dict[str, Any]:
     """Estimators by their names, with commas between them."""
-    from ..errors import InputError
     from ..estimators import METHODS
-    from ..io.files import nearest
+    from ..io.text.files import nearest
+    from ..physics.errors import InputError
 
     chosen = {}
     for name in filter(None, (part.strip() for part in names.split(","))):
@@ -137,7 +137,7 @@ def _store(study: Study, out: Path | None) -> Iterator[Store]:
     """Where chunks are kept: beside the results, or nowhere for longer than the command."""
     from tempfile import TemporaryDirectory
 
-    from ..study_store import Store
+    from ..study.store import Store
 
     if out is not None:
         yield Store.open(out / "chunks", study)
@@ -148,7 +148,7 @@ def _store(study: Study, out: Path | None) -> Iterator[Store]:
 
 def _run(store: Store, scheduler: Scheduler, quiet: bool) -> None:
     """Run what is missing; on Ctrl-C say what is kept."""
-    from ..study_run import run
+    from ..study.run import run
 
     try:
         with _progress(store.study.trials, quiet) as done:
@@ -196,11 +196,11 @@ def _progress(trials: int, quiet: bool) -> Iterator[Callable[[int], None]]:
 
 def _publish(store: Store, out: Path | None, format: Any, speak: Output) -> dict[str, Any]:
     """Write the results, if they are wanted, and return summary.json."""
-    from ..io.samples import write_samples
-    from ..io.write import json_text, publish
+    from ..io.results.samples import write_samples
+    from ..io.text.write import json_text, publish
     from ..report import simulation_page
-    from ..study_figures import figures
-    from ..study_summary import summarise
+    from ..study.figures import figures
+    from ..study.summary import summarise
 
     document: dict[str, Any] = summarise(store)
     if out is None:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from .cross_product import CrossProduct
 from .gls import Gls
-from .ground_plane import GroundPlane
-from .image_plane import ImagePlane
-from .least_squares import LeastSquares
-from .observer import Observer
-from .projective import Projective
 from .protocol import Estimator
+from .published.cross_product import CrossProduct
+from .published.ground_plane import GroundPlane
+from .published.image_plane import ImagePlane
+from .published.least_squares import LeastSquares
+from .published.observer import Observer
+from .published.projective import Projective
 from .robust import Robust
 from .sequential import Sequential
 from .wahba import Wahba

@@ -15,8 +15,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..model import Linearised
-from ..observations import Observations
+from ..table.equation import Linearised
+from ..table.observations import Observations
 from .protocol import Status
 from .wahba import Wahba
 

@@ -9,12 +9,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ..adjustment import is_large, solve_large
-from ..model import Linearised
-from ..observations import Observations
-from ..portions import Portion, Tested, reader, repeated, single
-from ..reliability import reliability
-from ..streaming import Stream, Sum, blocks, part, streams
+from ..solve.adjustment import is_large, solve_large
+from ..solve.portions import Portion, Tested, reader, repeated, single
+from ..solve.reliability import reliability
+from ..solve.streaming import Stream, Sum, blocks, part, streams
+from ..table.equation import Linearised
+from ..table.observations import Observations
 from .selfcal import Problem, SelfCalibration, State
 
 Array = NDArray[np.float64]

@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import so3
-from ..adjustment import Adjustment, solve
-from ..model import in_front, linearise
-from ..observations import Observations
-from ..streaming import Stream, Sum, streams
-from ..units import DEG
+from ..physics import so3
+from ..physics.units import DEG
+from ..solve.adjustment import Adjustment, solve
+from ..solve.streaming import Stream, Sum, streams
+from ..table.equation import in_front, linearise
+from ..table.observations import Observations
 from .protocol import AlignmentEstimate, Status
 from .wahba import Wahba
 
@@ -27,9 +27,9 @@ class Gls:
     """Minimise the residual of the measurement equation weighted by the covariance of ALL its stated errors.
 
     Attitude and position errors are shared by the markers of an image, a marker's place error by its images, pixel
-    noise by nobody (:mod:`starplumb.adjustment`); any other pattern (``observations.common_px``) is solved for beside
-    the alignment.  Gauss-Newton on the rotation group from the closed form (:class:`Wahba`), so the size of the initial
-    error does not matter::
+    noise by nobody (:mod:`starplumb.solve.adjustment`); any other pattern (``observations.common_px``) is solved for
+    beside the alignment.  Gauss-Newton on the rotation group from the closed form (:class:`Wahba`), so the size of
+    the initial error does not matter::
 
         C_EK <- exp(x) C_EK,    x = -(A^T V^-1 A)^-1 A^T V^-1 z,    covariance (A^T V^-1 A)^-1
 

@@ -9,8 +9,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import AlignmentFailed
-from ..observations import Observations
+from ..physics.errors import AlignmentFailed
+from ..table.observations import Observations
 
 Array = NDArray[np.float64]
 

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..observations import Observations
-from ..portions import Tested
-from ..reliability import NOISE, excess
+from ..solve.portions import Tested
+from ..solve.reliability import NOISE, excess
+from ..table.observations import Observations
 from .consensus import Consensus, Directions, cluster, consensus, own_covariance
 from .fit import Fit
 from .protocol import AlignmentEstimate, Status, Verdict
@@ -37,7 +37,8 @@ class Robust:
        stated errors, shared ones included.  Finds the mounting whatever the initial error.
     2. In each image the largest cluster of residuals that differ by no more than what its sightings do not share: the
        attitude error of an image moves all of its residuals alike and is many pixels, the difference of two is not.
-    3. Data snooping (:mod:`starplumb.reliability`): the worst sighting of each image, the worst image or the worst
+    3. Data snooping (:mod:`starplumb.solve.reliability`): the worst sighting of each image, the worst image or the
+    worst
        landmark leaves while its statistic exceeds the critical value, and whatever fits comes back.
     4. An image, or a landmark, that is out though its own sightings agree with one another is wrong as a whole.
 

@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import so3
-from ..adjustment import Adjustment, is_large, solve, solve_large
-from ..model import Linearised, linearise
-from ..observations import Observations
-from ..parameters import Parameter, split
-from ..portions import reader
-from ..streaming import Stream, Sum, sample, sampled, streams
+from ..physics import so3
+from ..solve.adjustment import Adjustment, is_large, solve, solve_large
+from ..solve.portions import reader
+from ..solve.streaming import Stream, Sum, sample, sampled, streams
+from ..table.equation import Linearised, linearise
+from ..table.observations import Observations
+from ..table.parameters import Parameter, split
 from .gls import SINGULAR_SIGMA, mounting_prior
 from .protocol import AlignmentEstimate, ParameterVector, Status
 from .wahba import Wahba
@@ -60,7 +60,7 @@ class SelfCalibration:
     The state (C_EK, p) moves by ``C_EK <- exp(x_theta) C_EK, p <- p + x_p`` with the x of the adjustment whose design
     is ``[H, dz/dp]``.  A parameter with a prior is pulled to zero by it; a free one is held by its whole plausible
     range only, so that the equations can be solved even where the data say nothing of it
-    (:mod:`starplumb.separability` then refuses to call it known).
+    (:mod:`starplumb.judge.separability` then refuses to call it known).
     """
 
     parameters: tuple[Parameter, ...] = ()

@@ -9,11 +9,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import so3
-from ..adjustment import Adjustment, solve, square_root
-from ..errors import InputError
-from ..model import linearise
-from ..observations import Observations
+from ..physics import so3
+from ..physics.covariance import square_root
+from ..physics.errors import InputError
+from ..solve.adjustment import Adjustment, solve
+from ..table.equation import linearise
+from ..table.observations import Observations
 from .gls import SINGULAR_SIGMA
 from .protocol import AlignmentEstimate, Status
 
@@ -56,7 +57,7 @@ class Sequential:
         P <- P + Q dt,   L = P^-1 <- L + H^T V^-1 H,   x = -L^-1 H^T V^-1 z,   C_EK <- exp(x) C_EK
 
     V holds what an image's markers share (attitude, position), by the adjustment of
-    :mod:`starplumb.adjustment`. A landmark seen in more than one image carries its place error from one to
+    :mod:`starplumb.solve.adjustment`. A landmark seen in more than one image carries its place error from one to
     the next, as do the errors ``common_px``: they are part of the state, so that the filter of a constant
     mounting is :class:`Gls` whatever the campaign (to 1e-6 of a sigma after two passes). Its cost grows with
     the cube of their number.

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..observations import Observations
+from ..table.observations import Observations
 from .protocol import AlignmentEstimate, Status
 
 Array = NDArray[np.float64]

@@ -7,15 +7,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import so3
-from ..estimators.cross_product import CrossProduct
 from ..estimators.gls import Gls
-from ..estimators.ground_plane import GroundPlane
-from ..estimators.image_plane import ImagePlane
 from ..estimators.protocol import Estimator
-from ..observations import Observations
-from ..simulate import Errors, measure
-from ..units import ARCMIN, ARCSEC, MM
+from ..estimators.published.cross_product import CrossProduct
+from ..estimators.published.ground_plane import GroundPlane
+from ..estimators.published.image_plane import ImagePlane
+from ..physics import so3
+from ..physics.units import ARCMIN, ARCSEC, MM
+from ..table.observations import Observations
+from ..table.simulate import Errors, measure
 from .comparison import Comparison, Recomputed, Row, judge
 from .lebedev_scene import C_EK_TRUE, C_JI, Nadir, orbital_axes, photographs
 from .tables import published, scenario, source

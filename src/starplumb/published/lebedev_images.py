@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import so3
-from ..estimators.cross_product import CrossProduct
 from ..estimators.gls import Gls
 from ..estimators.protocol import AlignmentEstimate
-from ..observations import Observations
-from ..simulate import Errors, measure
-from ..units import ARCSEC, DEG, MM
+from ..estimators.published.cross_product import CrossProduct
+from ..physics import so3
+from ..physics.units import ARCSEC, DEG, MM
+from ..table.observations import Observations
+from ..table.simulate import Errors, measure
 from .comparison import Comparison, Recomputed, Row, judge
 from .lebedev2012 import PIXEL
 from .lebedev_scene import C_EK_TRUE, Nadir, photographs

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import so3
 from ..estimators.gls import Gls
-from ..estimators.projective import Projective
-from ..observations import Observations
-from ..simulate import Errors, measure
-from ..units import ARCSEC
+from ..estimators.published.projective import Projective
+from ..physics import so3
+from ..physics.units import ARCSEC
+from ..table.observations import Observations
+from ..table.simulate import Errors, measure
 from .comparison import Comparison, Recomputed, Row, judge
 from .lebedev_scene import C_EK_TRUE, Nadir, photographs
 from .tables import published, scenario, source

@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .. import so3
-from ..corrections import Corrections
-from ..earth import C_JT, OMEGA_EARTH, geodetic_to_itrf
-from ..model import predict
-from ..observations import Observations, sight
-from ..orbit import GM_EARTH
-from ..units import DEG
+from ..physics import so3
+from ..physics.earth import C_JT, OMEGA_EARTH, geodetic_to_itrf
+from ..physics.light import Corrections
+from ..physics.orbit import GM_EARTH
+from ..physics.units import DEG
+from ..table.equation import predict
+from ..table.observations import Observations, sight
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from .. import __version__
-from ..errors import InputError
+from ..physics.errors import InputError
 from .comparison import Comparison
 from .lebedev2012 import sensitivity, totals
 from .lebedev_images import images_max, images_sigma

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import so3
 from ..estimators.gls import Gls, adjust
-from ..estimators.least_squares import LeastSquares
-from ..estimators.observer import Observer
 from ..estimators.protocol import Estimator
-from ..units import ARCSEC
+from ..estimators.published.least_squares import LeastSquares
+from ..estimators.published.observer import Observer
+from ..physics import so3
+from ..physics.units import ARCSEC
 from .comparison import Comparison, Recomputed, Row, judge
 from .tables import published, scenario, source
 from .tkachenko_scene import C_EK_MODEL, Runs, Scene, draw, scene

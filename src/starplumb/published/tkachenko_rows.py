@@ -1,8 +1,8 @@
 """The scene of Tkachenko 2019 on component rows: from unit normal draws to measurements, and to the observer's errors.
 
-Written like :mod:`starplumb.estimators.observer_rows`, whose work rows it fills.  Draws (rows of ``Z``): initial error
-3, relative focal error 1, then per image: aim 2, attitude 3, position 3, and per marker of it column and row 2.
-"""
+Written like :mod:`starplumb.estimators.published.observer_rows`, whose work rows it fills.  Draws (rows of ``Z``):
+initial error 3, relative focal error 1, then per image: aim 2, attitude 3, position 3, and per marker of it column
+and row 2."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ..estimators.observer_rows import (
+from ..estimators.published.observer_rows import (
     SIGHTING_ROWS,
     STATE_ROWS,
     Parameters,
@@ -21,7 +21,7 @@ from ..estimators.observer_rows import (
     updates,
     vector_equation,
 )
-from ..rows import (
+from ..physics.components import (
     Array,
     Quaternion,
     Row,

@@ -9,16 +9,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .. import so3
-from ..corrections import Corrections
-from ..earth import OMEGA_EARTH, geodetic_to_itrf
-from ..errors import InputError
-from ..estimators.observer import Observer
-from ..estimators.observer_rows import SIGHTING_ROWS, STATE_ROWS
-from ..observations import Observations
-from ..orbit import KeplerOrbit, pointing
-from ..scene import site_grid
-from ..units import ARCMIN, ARCSEC, DEG, MM, UM
+from ..estimators.published.observer import Observer
+from ..estimators.published.observer_rows import SIGHTING_ROWS, STATE_ROWS
+from ..physics import so3
+from ..physics.earth import OMEGA_EARTH, geodetic_to_itrf
+from ..physics.errors import InputError
+from ..physics.light import Corrections
+from ..physics.orbit import KeplerOrbit, pointing
+from ..physics.units import ARCMIN, ARCSEC, DEG, MM, UM
+from ..plan.scene import site_grid
+from ..table.observations import Observations
 from .tkachenko_rows import IMAGE_DRAWS, MARKER_DRAWS, RUN_DRAWS, TRUTH_ROWS, campaign, simulate_block
 
 Array = NDArray[np.float64]

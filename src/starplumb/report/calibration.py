@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from ..calibration import Calibration
-from ..units import ARCSEC
+from ..judge.calibrate import Calibration
+from ..physics.units import ARCSEC
 from . import calibration_figures as figures
 from . import calibration_lists as lists
 from . import calibration_tables as tables

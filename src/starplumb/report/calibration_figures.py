@@ -7,11 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ..calibration import Calibration
-from ..earth import itrf_to_geodetic
-from ..residuals import rms
-from ..timescales import format_iso
-from ..units import ARCSEC, DEG
+from ..judge.calibrate import Calibration
+from ..judge.residuals import rms
+from ..physics.earth import itrf_to_geodetic
+from ..physics.timescales import format_iso
+from ..physics.units import ARCSEC, DEG
 from .page import Figure
 from .plots import Ellipse, Points, bars, scatter, vectors
 from .text import coefficient, length, number

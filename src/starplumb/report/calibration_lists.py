@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from ..calibration import Calibration
-from ..units import ARCSEC
+from ..judge.calibrate import Calibration
+from ..physics.units import ARCSEC
 from .page import Table
 from .text import number
 

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..calibration import Calibration
-from ..intersection import Intersections, intersect
-from ..residuals import Accuracy
-from ..units import ARCSEC, DEG
+from ..ground.intersection import Intersections, intersect
+from ..judge.calibrate import Calibration
+from ..judge.residuals import Accuracy
+from ..physics.units import ARCSEC, DEG
 from .page import Table
 from .text import NOT_STATED, coefficient, length, listed, number, rotation_forms
 

@@ -7,8 +7,8 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import so3
-from ..units import DEG
+from ..physics import so3
+from ..physics.units import DEG
 
 Array = NDArray[np.float64]
 

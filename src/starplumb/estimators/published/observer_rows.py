@@ -1,0 +1,177 @@
+"""The fuzzy observer on component rows (:mod:`starplumb.physics.components`): one source for NumPy and for compiled
+code.
+
+A work buffer ``W`` (rows, width) holds a block of trials: the quaternion of C_EK (4), the state of P (6), and for each
+sighting e_K (3), e_E (3), the axes of J in E in the order of the equations (9) and the floor of gamma (1).
+
+Rounding differs between back ends and gamma^2 ~ z^2 amplifies it: one unit in the last place of the input moves the
+20th cycle by 2e-10 arcsec in the median and by arcseconds in one trial of 10^5.  Back ends agree in statistics.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from ...physics.components import (
+    Array,
+    Row,
+    Triple,
+    block_width,
+    cross,
+    dot,
+    lanes,
+    larger,
+    multiply,
+    root,
+    rotate,
+    rows_at,
+    specialise,
+    turn,
+)
+
+Six = tuple[Row, Row, Row, Row, Row, Row]
+Parameters = tuple[float, float, float, float, float]
+"""alpha, beta and the square roots of w_1, w_2, w_3."""
+
+STATE_ROWS = 10
+SIGHTING_ROWS = 16
+
+
+def growth(z: Row, weight: Row, floor: Row, v: Triple) -> Triple:
+    """gamma_i = max(floor, v_i |z| sqrt(weight)): roots of the gamma^2 of (3), with ``v_i = sqrt(w_i)``."""
+    innovation = root(z * z * weight)
+    return (
+        larger(floor, v[0] * innovation),
+        larger(floor, v[1] * innovation),
+        larger(floor, v[2] * innovation),
+    )
+
+
+def update_plain(P: Six, g: Triple, z: Row, floor: Row, parameters: Parameters) -> tuple[Six, Triple]:
+    """Formula (3) on the upper triangle P = (P11, P12, P13, P22, P23, P33), which keeps it symmetric.
+
+    Returns P+ and the correction ``K z``.
+    """
+    alpha, beta, v1, v2, v3 = parameters
+    a1 = P[0] * g[0] + P[1] * g[1] + P[2] * g[2]
+    a2 = P[1] * g[0] + P[3] * g[1] + P[4] * g[2]
+    a3 = P[2] * g[0] + P[4] * g[1] + P[5] * g[2]
+    s = dot(g, (a1, a2, a3))
+    # two quotients by one division, the dearest operation here
+    both = 1.0 / ((alpha + s) * (beta + s))
+    gain = both * (beta + s)
+    k1, k2, k3 = gain * a1, gain * a2, gain * a3
+    c1, c2, c3 = growth(z, both * (alpha + s), floor, (v1, v2, v3))
+    P_plus = (
+        (P[0] - k1 * a1) * (c1 * c1),
+        (P[1] - k1 * a2) * (c1 * c2),
+        (P[2] - k1 * a3) * (c1 * c3),
+        (P[3] - k2 * a2) * (c2 * c2),
+        (P[4] - k2 * a3) * (c2 * c3),
+        (P[5] - k3 * a3) * (c3 * c3),
+    )
+    return P_plus, (k1 * z, k2 * z, k3 * z)
+
+
+def update_factorised(UD: Six, g: Triple, z: Row, floor: Row, parameters: Parameters) -> tuple[Six, Triple]:
+    """Formula (3) on ``P = U D U^T``, UD = (D1, U12, U13, D2, U23, D3): Bierman's update, then Gamma.
+
+    ``U_ij *= gamma_i / gamma_j``, ``D_j *= gamma_j^2``.  Returns the factors of P+ and the correction ``K z``.
+    Source: G. J. Bierman, Factorization Methods for Discrete Sequential Estimation (1977), chapter V.
+    """
+    alpha, beta, v1, v2, v3 = parameters
+    d1, u12, u13, d2, u23, d3 = UD
+    f2 = u12 * g[0] + g[1]
+    f3 = u13 * g[0] + u23 * g[1] + g[2]
+    b1, b2, b3 = d1 * g[0], d2 * f2, d3 * f3
+    a1 = alpha + b1 * g[0]
+    a2 = a1 + b2 * f2
+    s = (a2 - alpha) + b3 * f3
+    # two quotients by one division, the dearest operation here
+    first, last = 1.0 / (a1 * a2), 1.0 / ((alpha + s) * (beta + s))
+    i1, i2, i3 = first * a2, first * a1, last * (beta + s)
+    l2, l3 = f2 * i1, f3 * i2
+    m1 = b1 + b2 * u12
+    k1, k2, k3 = (m1 + b3 * u13) * i3, (b2 + b3 * u23) * i3, b3 * i3
+    c1, c2, c3 = growth(z, last * (alpha + s), floor, (v1, v2, v3))
+    c23 = 1.0 / (c2 * c3)
+    UD_plus = (
+        d1 * (alpha * i1) * (c1 * c1),
+        (u12 - b1 * l2) * (c1 * c3 * c23),
+        (u13 - m1 * l3) * (c1 * c2 * c23),
+        d2 * (a1 * i2) * (c2 * c2),
+        (u23 - b2 * l3) * (c2 * c2 * c23),
+        d3 * (a2 * i3) * (c3 * c3),
+    )
+    return UD_plus, (k1 * z, k2 * z, k3 * z)
+
+
+update = update_factorised
+"""The form of (3) that ``vector_equation`` calls; :func:`runner` puts the wanted one in its place."""
+
+
+def vector_equation(W: Array, S: Array, at: Any, parameters: Parameters) -> None:
+    """One equation (2), ``e_J* - e_J = G theta_E`` with ``G = -C_JE [e_E*]``, row by row of J, then the exact turn.
+
+    With c_j the j-th axis of J in E the row is ``g = e_E* x c_j`` and its left side ``c_j . (e_E* - e_E)``, less what
+    the rows before have corrected already.  A marker not seen has e_K = e_E = 0: g = 0 and z = 0, nothing happens.
+    """
+    q = (W[0, at], W[1, at], W[2, at], W[3, at])
+    P = (W[4, at], W[5, at], W[6, at], W[7, at], W[8, at], W[9, at])
+    e = rotate(q, (S[0, at], S[1, at], S[2, at]))
+    d = (e[0] - S[3, at], e[1] - S[4, at], e[2] - S[5, at])
+    floor = S[15, at]
+    c = (S[6, at], S[7, at], S[8, at])
+    P, theta = update(P, cross(e, c), dot(c, d), floor, parameters)
+    c = (S[9, at], S[10, at], S[11, at])
+    g = cross(e, c)
+    P, step = update(P, g, dot(c, d) - dot(g, theta), floor, parameters)
+    theta = (theta[0] + step[0], theta[1] + step[1], theta[2] + step[2])
+    c = (S[12, at], S[13, at], S[14, at])
+    g = cross(e, c)
+    P, step = update(P, g, dot(c, d) - dot(g, theta), floor, parameters)
+    q = multiply(turn((-theta[0] - step[0], -theta[1] - step[1], -theta[2] - step[2])), q)
+    W[0, at], W[1, at], W[2, at], W[3, at] = q
+    W[4, at], W[5, at], W[6, at], W[7, at], W[8, at], W[9, at] = P
+
+
+def one_cycle(W: Array, spare: Array, parameters: Parameters) -> None:
+    """Every sighting once, in order.  ``spare`` (16, width)."""
+    for base in range(STATE_ROWS, len(W), SIGHTING_ROWS):
+        S = rows_at(W, base, spare)
+        for at in lanes():
+            vector_equation(W, S, at, parameters)
+
+
+def run_blocks(rows: Array, cycles: int, parameters: Parameters, trace: Array) -> None:
+    """Run all trials, a block at a time.
+
+    ``rows`` (10 + 16 n, trials) initial work rows; ``trace`` (cycles, 4, trials) receives the quaternion of C_EK after
+    each cycle.
+    """
+    trials = rows.shape[1]
+    width = block_width(trials)
+    W = np.zeros((len(rows), width))
+    spare = np.zeros((SIGHTING_ROWS, width))
+    for start in range(0, trials, width):
+        count = min(width, trials - start)
+        W[:, :count] = rows[:, start : start + count]
+        for cycle in range(cycles):
+            one_cycle(W, spare, parameters)
+            trace[cycle, :, start : start + count] = W[:4, :count]
+
+
+def updates(factorised: bool) -> Callable[..., Any]:
+    """The form of (3): on U D U^T, or on the upper triangle of P."""
+    return update_factorised if factorised else update_plain
+
+
+@cache
+def runner(factorised: bool, compiled: bool) -> Callable[[Array, int, Parameters, Array], None]:
+    """``run_blocks`` with the wanted form of (3), in NumPy or compiled with numba."""
+    form = updates(factorised)
+    return specialise(run_blocks, (growth, form, vector_equation, one_cycle), {"update": form}, compiled)

@@ -1,0 +1,207 @@
+"""``campaign.toml`` as checked models: the keys, units and admissible values, section by section.
+
+Values stay in the units their keys name; :mod:`starplumb.io.campaign.read` brings them inside.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Field
+
+from ..text.sections import Section
+from ..text.values import Frame, Pair, Positive, Quaternion, Sigma, Text, Triple, WholePair, choice, file_name
+from .attitude_config import AttitudeConfig, FusionConfig, Mounting, TrackerConfig, attitude_rules
+
+SUFFIXES = {
+    "ephemeris": (".csv", ".oem", ".xml", ".sp3", ".bsp"),
+    "landmarks": (".csv", ".gpkg", ".geojson", ".json", ".shp"),
+    "table": (".csv",),
+}
+
+
+class General(Section):
+    """[campaign]"""
+
+    name: Text = Field(description="the campaign's name in quotes")
+    time_scale: Annotated[Literal["UTC", "TAI", "GPS", "TT"], choice("UTC", "TAI", "GPS", "TT")] = Field(
+        description='the scale of all times in the CSV tables, "UTC", "TAI", "GPS" or "TT"'
+    )
+
+
+class Distortion(Section):
+    """camera.distortion: Brown-Conrady, from ideal tangents to those the optics give."""
+
+    model: Annotated[Literal["brown-conrady"], choice("brown-conrady")] = Field(description='"brown-conrady"')
+    k: Triple = Field(default=(0.0, 0.0, 0.0), description="the three radial coefficients")
+    p: Pair = Field(default=(0.0, 0.0), description="the two tangential coefficients")
+
+
+_OPTICS = ("focal_length_mm", "pixel_pitch_um", "image_size_px", "principal_point_px")
+
+
+class CameraConfig(Section):
+    """[camera]: optics, or a line scanner's table of look directions."""
+
+    model: Annotated[Literal["frame", "line-scan"], choice("frame", "line-scan")] = Field(
+        description='"frame" or "line-scan"'
+    )
+    focal_length_mm: Positive | None = Field(
+        default=None, description="the focal length, a positive number of millimetres"
+    )
+    pixel_pitch_um: Positive | None = Field(
+        default=None, description="the pixel pitch, a positive number of micrometres"
+    )
+    image_size_px: WholePair | None = Field(
+        default=None, description="two positive whole numbers, columns and rows"
+    )
+    principal_point_px: Pair | None = Field(
+        default=None, description="two numbers, column and row of the principal point"
+    )
+    pixel_origin: Annotated[Literal["center", "corner"], choice("center", "corner")] = Field(
+        default="center", description='"center" or "corner"'
+    )
+    distortion: Distortion | None = Field(default=None, description="a section with model, k and p")
+    look_angles: Text | None = Field(default=None, description="the name of a CSV table")
+
+    @classmethod
+    def rules(cls, given: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+        if "look_angles" in given and given.get("model") == "frame":
+            yield "look_angles", 'found a table of look directions, wanted it for model = "line-scan" only'
+            return
+        table = "look_angles" in given
+        for key in _OPTICS:
+            if key not in given and not table:
+                yield key, f"missing, wanted {cls.model_fields[key].description}"
+            elif key in given and table and key != "image_size_px":
+                yield (
+                    key,
+                    "found beside look_angles, wanted only one of the two ways to state the look directions",
+                )
+        if table and "distortion" in given:
+            yield (
+                "distortion",
+                "found beside look_angles, wanted it with a focal length only (the table has it already)",
+            )
+
+
+class EphemerisConfig(Section):
+    """[ephemeris]"""
+
+    file: Annotated[str, BeforeValidator(file_name(*SUFFIXES["ephemeris"]))] = Field(
+        description="the name of the file of positions"
+    )
+    frame: Frame = Field(description='"ITRF" or "GCRF"')
+    sigma_m: Sigma = Field(description="the position's sigma (one number or three), which the solution needs")
+    max_gap_s: Positive | None = Field(
+        default=None, description="the largest spacing joined by interpolation, a positive number"
+    )
+    object: Text | None = Field(
+        default=None, description="the satellite's name or number in a file that holds several"
+    )
+
+    @classmethod
+    def rules(cls, given: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+        if "object" in given and str(given.get("file", "")).lower().endswith(".csv"):
+            yield "object", "found beside a CSV table, wanted it with a file that names its satellites only"
+
+
+class LandmarksConfig(Section):
+    """[landmarks]"""
+
+    file: Annotated[str, BeforeValidator(file_name(*SUFFIXES["landmarks"]))] = Field(
+        description="the name of the file of landmarks"
+    )
+    dem: Text | None = Field(default=None, description="the name of a raster of ground heights")
+    heights: Annotated[Literal["ellipsoidal", "geoid"], choice("ellipsoidal", "geoid")] | None = Field(
+        default=None, description='"ellipsoidal" or "geoid"'
+    )
+    geoid: Text | None = Field(default=None, description="the name of a raster of the geoid's heights")
+
+    @classmethod
+    def rules(cls, given: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+        if "dem" in given and "heights" not in given:
+            yield "heights", 'missing, wanted what the heights of the DEM are above, "ellipsoidal" or "geoid"'
+        if given.get("heights") == "geoid" and "geoid" not in given:
+            yield "geoid", 'missing, wanted the name of a raster of the geoid beside heights = "geoid"'
+        if "geoid" in given and given.get("heights") != "geoid":
+            yield "geoid", 'found it without heights = "geoid", wanted both or neither'
+
+
+class TableConfig(Section):
+    """[images], [observations] or [detections]"""
+
+    file: Annotated[str, BeforeValidator(file_name(*SUFFIXES["table"]))] = Field(
+        description="the name of a CSV table"
+    )
+
+
+class CorrectionsConfig(Section):
+    """[corrections]; a key left out has the value written here."""
+
+    light_time: bool = Field(default=True, description="true or false")
+    aberration: bool = Field(default=True, description="true or false")
+    refraction: bool = Field(default=False, description="true or false")
+
+
+class EarthConfig(Section):
+    """[earth]: another table of Earth orientation (IERS finals2000A) than the packaged one."""
+
+    orientation_file: Text = Field(description="the name of an IERS finals2000A file")
+
+
+class TruthConfig(Section):
+    """[truth]: the mounting from the camera to the star tracker that a simulation started from."""
+
+    quaternion_xyzw: Quaternion = Field(description="four numbers, scalar last")
+
+
+class CampaignConfig(Section):
+    """The whole of campaign.toml."""
+
+    campaign: General = Field(description="the section [campaign] with name and time_scale")
+    camera: CameraConfig = Field(description="the section [camera]")
+    mounting: Mounting = Field(description="the section [mounting]")
+    ephemeris: EphemerisConfig = Field(description="the section [ephemeris] with file, frame and sigma_m")
+    attitude: AttitudeConfig | None = Field(
+        default=None, description="the section [attitude] with file, from, to and sigma_arcsec"
+    )
+    trackers: list[TrackerConfig] | None = Field(
+        default=None, description="tables [[trackers]] with file, from, to, sigma_arcsec and mounting"
+    )
+    fusion: FusionConfig | None = Field(
+        default=None, description="the section [fusion] with frame and method"
+    )
+    landmarks: LandmarksConfig = Field(description="the section [landmarks] with file")
+    images: TableConfig = Field(description="the section [images] with file")
+    observations: TableConfig | None = Field(default=None, description="the section [observations] with file")
+    detections: TableConfig | None = Field(default=None, description="the section [detections] with file")
+    corrections: CorrectionsConfig = Field(
+        default_factory=lambda: CorrectionsConfig(), description="the section [corrections]"
+    )
+    earth: EarthConfig | None = Field(default=None, description="the section [earth] with orientation_file")
+    truth: TruthConfig | None = Field(default=None, description="the section [truth] with quaternion_xyzw")
+
+    @property
+    def tracker(self) -> str:
+        """The name of E: the side of the attitude that is not the Earth's, or the frame of several trackers."""
+        if self.fusion is not None:
+            return self.fusion.frame
+        assert self.attitude is not None, "the rules want one of the two"
+        return self.attitude.tracker
+
+    @property
+    def attitudes(self) -> dict[str, AttitudeConfig]:
+        """Every section that states an attitude, by its key."""
+        if self.attitude is not None:
+            return {"attitude": self.attitude}
+        return {f"trackers.{i}": tracker for i, tracker in enumerate(self.trackers or ())}
+
+    @classmethod
+    def rules(cls, given: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+        if "observations" in given and "detections" in given:
+            yield "detections", "found beside [observations], wanted exactly one of the two"
+        if "observations" not in given and "detections" not in given:
+            yield "observations", "missing, wanted the section [observations] or [detections] with file"
+        yield from attitude_rules(given)

@@ -1,0 +1,229 @@
+"""Orbit and attitude from whatever file a campaign names, brought into the package's frames."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from ...physics.earth import OMEGA_EARTH
+from ...physics.errors import EpochError, InputError
+from ...physics.orientation import EarthOrientation
+from ...physics.series import Attitude, Ephemeris
+from ...physics.timescales import format_iso
+from ...physics.units import ARCSEC
+from ..formats.series_tables import AttitudeTable, EphemerisTable
+from ..tables.columns import CARTESIAN
+from ..tables.read import Array, Epochs, Table, read_table
+from ..text.files import show
+from ..text.frames import earth_frame
+from ..text.values import UNIT_TOLERANCE
+from .attitude_config import AttitudeConfig
+from .config import EphemerisConfig
+from .markers import epochs, require_radius
+
+VELOCITY = ("vx_m_s", "vy_m_s", "vz_m_s")
+QUATERNION = ("qx", "qy", "qz", "qw")
+SIGMA_ATTITUDE = ("sigma_x_arcsec", "sigma_y_arcsec", "sigma_z_arcsec")
+ORBIT_RADIUS_M = (6.5e6, 5.0e7)
+_AROUND_NS = 600 * 10**9
+"""What of a kernel is sampled before the first image and after the last: a strip and the nodes around it."""
+_CONJUGATE = np.array([-1.0, -1.0, -1.0, 1.0])
+
+
+@dataclass(frozen=True)
+class AttitudeSamples:
+    """``q_EF`` (n, 4) at ``t_ns`` (n,) from the frame ``frame``, and their own sigmas (n, 3) rad where a
+    table has them."""
+
+    t_ns: Epochs
+    q_EF: Array
+    frame: Literal["GCRF", "ITRF"]
+    sigma: Array | None
+    name: str
+    starts: tuple[int, ...] = ()
+
+
+def read_ephemeris(
+    path: Path,
+    config: EphemerisConfig,
+    scale: str,
+    images_t_ns: Epochs,
+    orientation: EarthOrientation | None,
+    notices: list[str],
+) -> Ephemeris:
+    """The orbit in J; of a SPICE kernel what surrounds the images (m,).
+
+    Raises InputError where the file contradicts the campaign or holds no orbit around the Earth.
+    """
+    match path.suffix.lower():
+        case ".csv":
+            table = _csv_ephemeris(path, config, scale)
+        case ".sp3":
+            from ..formats.sp3 import read_sp3
+
+            table = read_sp3(path, config.object)
+        case ".bsp":
+            table = _kernel(path, config, images_t_ns)
+        case _:
+            table = _message(path, config)
+    notices += table.notices
+    if table.frame != config.frame:
+        word = show(table.frame_text or table.frame)
+        raise InputError(f"{path}: found the frame {word}, wanted {config.frame} as ephemeris.frame says")
+    _require_orbit(path, table)
+    r_J, v_J = table.r, table.v
+    if orientation is not None and table.frame == "GCRF":
+        r_J, v_J = earth_fixed(path, table, orientation)
+    try:
+        starts = tuple(start for start, _ in table.segments[1:])
+        return Ephemeris(table.t_ns, r_J, v_J, config.max_gap_s, str(path), starts)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+
+
+def read_attitude(
+    path: Path, config: AttitudeConfig, scale: str, notices: list[str], key: str = "attitude"
+) -> AttitudeSamples:
+    """The attitude as C_EF of the section ``key``, E the star tracker's frame and F the Earth's or the inertial one."""
+    if path.suffix.lower() == ".csv":
+        return _csv_attitude(path, config, scale, notices)
+    from ..formats.aem import read_aem
+
+    table = read_aem(path)
+    notices += table.notices
+    return _standard_attitude(path, config, table, notices, key)
+
+
+def earth_fixed(
+    path: Path, table: EphemerisTable, orientation: EarthOrientation
+) -> tuple[Array, Array | None]:
+    """Inertial states in J at their own epochs: ``r_J = C_JI r_I`` and ``v_J = C_JI v_I - omega x r_J``."""
+    try:
+        C_JI = orientation.C_IJ(table.t_ns).mT
+    except EpochError as error:
+        raise InputError(f"{path}, sample {error.row + 1}: {error}") from None
+    r_J = np.einsum("nij,nj->ni", C_JI, table.r)
+    if table.v is None:
+        return r_J, None
+    return r_J, np.einsum("nij,nj->ni", C_JI, table.v) - np.cross([0.0, 0.0, OMEGA_EARTH], r_J)
+
+
+def _csv_ephemeris(path: Path, config: EphemerisConfig, scale: str) -> EphemerisTable:
+    table = read_table(path, texts=("time",), numbers=CARTESIAN, optional_numbers=VELOCITY)
+    require_radius(table, table.columns(*CARTESIAN), ORBIT_RADIUS_M, "an orbit, from the Earth's centre")
+    return EphemerisTable(
+        _increasing(table, scale),
+        r=table.columns(*CARTESIAN),
+        v=table.columns(*VELOCITY) if table.has(*VELOCITY) else None,
+        frame=config.frame,
+        time_scale=scale,
+        object_name="",
+        segments=((0, len(table)),),
+        notices=tuple(table.notices),
+    )
+
+
+def _kernel(path: Path, config: EphemerisConfig, images_t_ns: Epochs) -> EphemerisTable:
+    from ..formats.spice import read_spk
+
+    if config.object is not None and not config.object.lstrip("-").isdecimal():
+        found = f"found ephemeris.object = {show(config.object)}"
+        raise InputError(f"{path}: {found}, wanted the whole number by which SPICE knows the satellite")
+    target = None if config.object is None else int(config.object)
+    start, stop = int(images_t_ns.min()) - _AROUND_NS, int(images_t_ns.max()) + _AROUND_NS
+    return read_spk(path, start_ns=start, stop_ns=stop, target=target)
+
+
+def _message(path: Path, config: EphemerisConfig) -> EphemerisTable:
+    from ..formats.oem import read_oem
+
+    table = read_oem(path)
+    if config.object is not None and config.object not in (table.object_name, table.object_id):
+        found = f"found the object {show(table.object_name)} ({show(table.object_id)})"
+        raise InputError(f"{path}: {found}, wanted {show(config.object)} as ephemeris.object says")
+    return table
+
+
+def _require_orbit(path: Path, table: EphemerisTable) -> None:
+    """Positions about another centre, or in wrong units, are seen by their radius."""
+    radius = np.linalg.norm(table.r, axis=-1)
+    low, high = ORBIT_RADIUS_M
+    good = (radius >= low) & (radius <= high)
+    if not good.all():
+        row = int(np.argmin(good))
+        time = format_iso(table.t_ns[row], table.time_scale, 3)[0]
+        where = f"{path}, the position at {time} {table.time_scale}"
+        found = f"found it {radius[row]:.7g} m from the Earth's centre"
+        raise InputError(f"{where}: {found}, wanted {low / 1e3:g} to {high / 1e3:g} km")
+
+
+def _increasing(table: Table, scale: str) -> Epochs:
+    """Epochs of a table, each later than the one before."""
+    t_ns = epochs(table, scale)
+    late = np.diff(t_ns) <= 0
+    if late.any():
+        row = int(np.argmax(late)) + 1
+        again = "again" if t_ns[row] == t_ns[row - 1] else f"after {show(table.texts['time'][row - 1])}"
+        found = f"{show(table.texts['time'][row])} {again} (row {table.line[row - 1]})"
+        where = f"{table.path}, row {table.line[row]}, column time"
+        raise InputError(f"{where}: found {found}, wanted times that increase")
+    return t_ns
+
+
+def _csv_attitude(path: Path, config: AttitudeConfig, scale: str, notices: list[str]) -> AttitudeSamples:
+    table = read_table(path, texts=("time",), numbers=QUATERNION, optional_numbers=SIGMA_ATTITUDE)
+    notices += table.notices
+    t_ns = _increasing(table, scale)
+    q = table.columns(*QUATERNION)
+    norm = np.linalg.norm(q, axis=-1)
+    off = np.abs(norm - 1.0) > UNIT_TOLERANCE
+    if off.any():
+        row = int(np.argmax(off))
+        where = f"{path}, row {table.line[row]}, columns qx, qy, qz, qw"
+        raise InputError(f"{where}: found a quaternion of norm {norm[row]:.6g}, wanted norm 1")
+    sigma = None
+    if table.has(*SIGMA_ATTITUDE):
+        for name in SIGMA_ATTITUDE:
+            table.require(table.numbers[name] > 0.0, name, "a positive number of arcseconds")
+        sigma = ARCSEC * table.columns(*SIGMA_ATTITUDE)
+    q, frame = _to_tracker(q / norm[:, None], config.source, config.target)
+    return AttitudeSamples(t_ns, q, frame, sigma, str(path))
+
+
+def _standard_attitude(
+    path: Path, config: AttitudeConfig, table: AttitudeTable, notices: list[str], section: str
+) -> AttitudeSamples:
+    """A file that names its frames must lead from and to where the campaign says; a tracker may have another
+    name."""
+    for key, stated, word in (("from", config.source, table.frame_a), ("to", config.target, table.frame_b)):
+        if earth_frame(word) != earth_frame(stated):
+            raise InputError(
+                f"{path}: found the frame {show(word)}, wanted {show(stated)} as {section}.{key} says"
+            )
+        if earth_frame(word) is None and word != stated:
+            notices.append(f"{path}: took its frame {word} for {stated}, the name in the campaign")
+    q, frame = _to_tracker(table.q_BA_xyzw, config.source, config.target)
+    starts = tuple(start for start, _ in table.segments[1:])
+    return AttitudeSamples(table.t_ns, q, frame, None, str(path), starts)
+
+
+def _to_tracker(q: Array, source: str, target: str) -> tuple[Array, Literal["GCRF", "ITRF"]]:
+    """q_EF and F of quaternions that take ``source`` to ``target``, one of which is F."""
+    if (frame := earth_frame(source)) is not None:
+        return q, frame
+    if (frame := earth_frame(target)) is not None:
+        return q * _CONJUGATE, frame
+    raise ValueError(f"neither {source} nor {target} is a frame of the Earth")
+
+
+def attitude_series(
+    samples: AttitudeSamples, config: AttitudeConfig, orientation: EarthOrientation | None
+) -> Attitude:
+    """The series that interpolates the samples."""
+    inertial = orientation if samples.frame == "GCRF" else None
+    return Attitude(
+        samples.t_ns, samples.q_EF, samples.frame, inertial, config.max_gap_s, samples.name, samples.starts
+    )

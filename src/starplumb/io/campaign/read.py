@@ -1,0 +1,201 @@
+"""A campaign from its folder: ``campaign.toml`` and the files it names, checked and brought inside as
+physics."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ...physics import so3
+from ...physics.errors import InputError
+from ...physics.light import Corrections
+from ...physics.orientation import EarthOrientation
+from ...physics.units import ARCSEC
+from ...table.campaign import Campaign, Detections, Sightings
+from ..gis.heights import Ground
+from ..tables.read import Array
+from ..text.files import fingerprint, trouble
+from ..text.toml import check, read_toml, refuse
+from . import markers, motion
+from .attitude import Exposures, model_mounting, read_attitude
+from .attitude_config import Mounting
+from .camera import pixel_shift, read_camera
+from .config import CampaignConfig, LandmarksConfig
+
+_EXACT = 1e-6
+"""A matrix this near to orthonormal is taken as a rotation written with its digits; beyond it a notice says
+so."""
+
+
+@dataclass(frozen=True)
+class LoadedCampaign:
+    """A campaign with what it was read from.
+
+    ``inputs`` maps each file, as the campaign names it, to its SHA-256; ``notices`` are sentences the user
+    should see; ``orientation`` is that of the Earth where an inertial frame asked for it (its ``source``
+    names the table). ``detections`` stand in for the sightings, of which there are then none, where the
+    landmarks are not known.
+    """
+
+    campaign: Campaign
+    config: CampaignConfig
+    inputs: dict[str, str]
+    notices: tuple[str, ...]
+    orientation: EarthOrientation | None
+    detections: Detections | None = None
+
+    @property
+    def predicted_orientation(self) -> bool:
+        """Whether the Earth's orientation at an image is predicted rather than measured."""
+        return self.orientation is not None and bool(
+            np.any(self.orientation.predicted(self.campaign.images.t_ns))
+        )
+
+    @property
+    def C_EK_true(self) -> Array | None:
+        """The true mounting where the campaign is simulated and says so."""
+        truth = self.config.truth
+        return None if truth is None else so3.from_quaternion(truth.quaternion_xyzw)
+
+    @property
+    def shift_px(self) -> float:
+        """What the user's pixel coordinates are ahead of ours: 0.5 where (0, 0) is a corner."""
+        return pixel_shift(self.config.camera)
+
+
+def load_campaign(path: Path, *, with_detections: bool = False) -> LoadedCampaign:
+    """Read ``campaign.toml`` at ``path`` and every file it names, which stand relative to its folder.
+
+    ``with_detections`` says that the caller can do without known landmarks; a campaign with [detections] is
+    else refused. Raises InputError, one sentence, for the first file that cannot be used.
+    """
+    config = check(read_toml(path), CampaignConfig, path)
+    files = _locate(config, path)
+    if config.detections is not None and not with_detections:
+        raise InputError(
+            f"{path}: detections: found marker images whose landmarks are not known, wanted [observations]: "
+            "label the detections first"
+        )
+    notices: list[str] = []
+    orientation = _orientation(config, files)
+    campaign, detections = _assemble(config, files, orientation, notices, path)
+    inputs = {"campaign.toml": fingerprint(path)}
+    for key, name in _named(config).items():
+        inputs |= _fingerprints(name, files[key])
+    return LoadedCampaign(campaign, config, inputs, tuple(notices), orientation, detections)
+
+
+def _named(config: CampaignConfig) -> dict[str, str]:
+    """Key and name of every file of the campaign."""
+    named = {
+        "ephemeris.file": config.ephemeris.file,
+        "landmarks.file": config.landmarks.file,
+        "images.file": config.images.file,
+    }
+    optional = {
+        "camera.look_angles": config.camera.look_angles,
+        "landmarks.dem": config.landmarks.dem,
+        "landmarks.geoid": config.landmarks.geoid,
+        "observations.file": config.observations and config.observations.file,
+        "detections.file": config.detections and config.detections.file,
+        "earth.orientation_file": config.earth and config.earth.orientation_file,
+    }
+    attitudes = {f"{key}.file": section.file for key, section in config.attitudes.items()}
+    return named | attitudes | {key: name for key, name in optional.items() if name}
+
+
+def _locate(config: CampaignConfig, path: Path) -> dict[str, Path]:
+    """Where each named file is. Raises InputError that lists all those that cannot be opened."""
+    files = {key: path.parent / name for key, name in _named(config).items()}
+    faults = {key: trouble(place) for key, place in files.items()}
+    problems = [f"{key}: {files[key]}: {fault}" for key, fault in faults.items() if fault]
+    if problems:
+        raise refuse(path, problems)
+    return files
+
+
+def _fingerprints(name: str, place: Path) -> dict[str, str]:
+    """Digest of a file, and of those that belong to it: a shapefile keeps its attributes in a second one."""
+    parts = {Path(name).with_suffix(end).as_posix(): place.with_suffix(end) for end in (".dbf", ".prj")}
+    beside = {key: part for key, part in parts.items() if place.suffix.lower() == ".shp" and part.is_file()}
+    return {key: fingerprint(part) for key, part in ({name: place} | beside).items()}
+
+
+def _orientation(config: CampaignConfig, files: dict[str, Path]) -> EarthOrientation | None:
+    """The Earth's orientation where a frame of the campaign is inertial."""
+    frames = {config.ephemeris.frame}.union(*((a.source, a.target) for a in config.attitudes.values()))
+    return EarthOrientation.load(files.get("earth.orientation_file")) if "GCRF" in frames else None
+
+
+def _assemble(
+    config: CampaignConfig,
+    files: dict[str, Path],
+    orientation: EarthOrientation | None,
+    notices: list[str],
+    path: Path,
+) -> tuple[Campaign, Detections | None]:
+    scale = config.campaign.time_scale
+    camera = read_camera(config.camera, files.get("camera.look_angles"), notices)
+    images = markers.read_images(files["images.file"], scale, camera.scans, notices)
+    landmarks = markers.read_landmarks(files["landmarks.file"], notices, _ground(config.landmarks, files))
+    grid = markers.Grid(*camera.size_px, shift_px=pixel_shift(config.camera))
+    sightings, detections = _no_sightings(), None
+    if "observations.file" in files:
+        sightings = markers.read_observations(
+            files["observations.file"], images.ids, landmarks.ids, grid, notices
+        )
+    else:
+        detections = markers.read_detections(files["detections.file"], images.ids, grid, notices)
+    ephemeris = motion.read_ephemeris(
+        files["ephemeris.file"], config.ephemeris, scale, images.t_ns, orientation, notices
+    )
+    marks = sightings if detections is None else detections
+    exposures = Exposures(images, marks.image, images.exposed(marks.image, marks.row_px))
+    attitude, cov_attitude_E = read_attitude(path, config, files, orientation, exposures, notices)
+    notices += _rounded(config.mounting, path)
+    if config.earth is not None and orientation is None:
+        notices.append(
+            f"{path}: earth.orientation_file is not used, since no frame of the campaign is inertial"
+        )
+    prior, switches = config.mounting.sigma_arcsec, config.corrections
+    campaign = Campaign(
+        name=config.campaign.name,
+        camera=camera,
+        C_EK=model_mounting(config.mounting),
+        sigma_mounting=None if prior is None else ARCSEC * np.array(prior),
+        ephemeris=ephemeris,
+        sigma_position=np.array(config.ephemeris.sigma_m),
+        position_frame=config.ephemeris.frame,
+        attitude=attitude,
+        cov_attitude_E=cov_attitude_E,
+        landmarks=landmarks,
+        images=images,
+        sightings=sightings,
+        corrections=Corrections(switches.light_time, switches.aberration, switches.refraction),
+        orientation=orientation,
+    )
+    return campaign, detections
+
+
+def _ground(config: LandmarksConfig, files: dict[str, Path]) -> Ground:
+    """What is said about the heights of the landmarks."""
+    words = ("landmarks.dem", "landmarks.heights", "landmarks.geoid")
+    return Ground(files.get("landmarks.dem"), config.heights, files.get("landmarks.geoid"), words)
+
+
+def _no_sightings() -> Sightings:
+    index, value = np.empty(0, dtype=np.int64), np.empty(0)
+    return Sightings(index, index, value, value, value, np.empty(0, dtype=np.bool_))
+
+
+def _rounded(config: Mounting, path: Path) -> list[str]:
+    """A notice where the written matrix is orthonormal to few digits only."""
+    if config.matrix is None:
+        return []
+    C = np.array(config.matrix)
+    off = float(np.abs(C @ C.mT - np.eye(3)).max())
+    if off <= _EXACT:
+        return []
+    return [f"{path}: mounting.matrix is orthonormal to {off:.1g} only; the nearest rotation is taken"]

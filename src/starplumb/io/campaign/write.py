@@ -1,0 +1,167 @@
+"""A campaign to its folder: ``campaign.toml`` and the CSV tables beside it, in the interface's units, nothing lost."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from ...physics import so3
+from ...physics.camera import FrameCamera, LineScanCamera
+from ...physics.earth import C_JT, itrf_to_geodetic
+from ...physics.light import inertial_velocity
+from ...physics.units import ARCSEC, DEG, MM, UM
+from ...table.campaign import Campaign, Detections, Landmarks
+from ..tables.columns import CARTESIAN, GEODETIC, SIGMA_ENU
+from ..tables.read import Array
+from ..text.write import csv_text, publish
+from .attitude_config import CAMERA
+from .motion import VELOCITY
+from .toml_text import Sections, document_text, in_unit
+from .write_attitude import along_axes, attitude_files, attitude_sections, gap, times
+
+
+def write_campaign(
+    folder: Path,
+    campaign: Campaign,
+    *,
+    time_scale: str = "UTC",
+    tracker: str = "star_tracker",
+    comment: str = "",
+    C_EK_true: Array | None = None,
+    detections: Detections | None = None,
+) -> Path:
+    """Write a campaign that :func:`starplumb.io.campaign.read.load_campaign` reads back, all files or none.
+
+    Numbers are written with all their digits (landmark sigmas: 12) and times to the nanosecond; positions are
+    in the frame of their sigmas. ``comment`` heads campaign.toml; ``C_EK_true`` is noted there as the truth
+    of a simulation, which nothing but the display of results may use; ``detections`` are written in place of
+    the sightings. Returns the path of campaign.toml. Raises ValueError for landmark covariances that are not
+    along east, north, up, and for an attitude covariance that is not along E's axes.
+    """
+    files = {
+        "ephemeris.csv": _ephemeris(campaign, time_scale),
+        **attitude_files(campaign, time_scale),
+        "landmarks.csv": _landmarks(campaign.landmarks),
+        "images.csv": _images(campaign, time_scale),
+    }
+    if isinstance(campaign.camera, LineScanCamera):
+        camera = campaign.camera
+        files["detectors.csv"] = csv_text(
+            ("column_px", "tan_x", "tan_y"), (camera.column_px, camera.tan_x, camera.tan_y)
+        )
+    if detections is None:
+        files["observations.csv"] = _observations(campaign)
+    else:
+        files["detections.csv"] = _detections(campaign.images.ids, detections)
+    sections = _sections(campaign, time_scale, tracker, "detections" if detections else "observations")
+    if C_EK_true is not None:
+        sections = [*sections, ("truth", {"quaternion_xyzw": so3.to_quaternion(C_EK_true)})]
+    files["campaign.toml"] = document_text(sections, comment)
+    publish(folder, files)
+    return folder / "campaign.toml"
+
+
+def _ephemeris(campaign: Campaign, scale: str) -> str:
+    t_ns, r, v = campaign.ephemeris.t_ns, campaign.ephemeris.r_J, campaign.ephemeris.v_J
+    if campaign.position_frame == "GCRF" and campaign.orientation is not None:
+        C_IJ = campaign.orientation.C_IJ(t_ns)
+        v = None if v is None else np.einsum("nij,nj->ni", C_IJ, inertial_velocity(r, v))
+        r = np.einsum("nij,nj->ni", C_IJ, r)
+    header, columns = ["time", *CARTESIAN], [times(t_ns, scale), *r.mT]
+    if v is not None:
+        header, columns = [*header, *VELOCITY], [*columns, *v.mT]
+    return csv_text(header, columns)
+
+
+def _landmarks(landmarks: Landmarks) -> str:
+    latitude, longitude, height = itrf_to_geodetic(landmarks.r_J)
+    C = C_JT(latitude, longitude)
+    exact = along_axes(
+        C.mT @ landmarks.covariance_J @ C, "a landmark's covariance is not along east, north and up"
+    )
+    # turning J into T and back costs a few last digits
+    rounded = [[float(f"{x:.12g}") for x in row] for row in exact.tolist()]
+    sigma = np.array(rounded).reshape(exact.shape)  # which an empty list has lost
+    names, sigmas = (SIGMA_ENU, sigma) if np.ptp(sigma, axis=-1).any() else (("sigma_m",), sigma[:, :1])
+    place = (latitude / DEG, longitude / DEG, height)
+    return csv_text(("landmark_id", *GEODETIC, *names), (landmarks.ids, *place, *sigmas.mT))
+
+
+def _images(campaign: Campaign, scale: str) -> str:
+    images = campaign.images
+    columns: dict[str, Sequence[object]] = {"image_id": images.ids, "time": times(images.t_ns, scale)}
+    if images.line_period_s is not None:
+        columns["line_period_s"] = images.line_period_s.tolist()
+    if images.tracker is not None:
+        columns["tracker"] = images.tracker
+    return csv_text(tuple(columns), tuple(columns.values()))
+
+
+def _observations(campaign: Campaign) -> str:
+    s = campaign.sightings
+    image = [campaign.images.ids[i] for i in s.image.tolist()]
+    landmark = [campaign.landmarks.ids[i] for i in s.landmark.tolist()]
+    header = ("image_id", "landmark_id", "column_px", "row_px", "sigma_px")
+    columns = (image, landmark, s.column_px, s.row_px, s.sigma_px)
+    if not s.check.any():
+        return csv_text(header, columns)
+    return csv_text((*header, "role"), (*columns, np.where(s.check, "check", "control").tolist()))
+
+
+def _detections(images: tuple[str, ...], d: Detections) -> str:
+    names = [images[i] for i in d.image.tolist()]
+    return csv_text(
+        ("image_id", "column_px", "row_px", "sigma_px"), (names, d.column_px, d.row_px, d.sigma_px)
+    )
+
+
+def _sections(campaign: Campaign, scale: str, tracker: str, measured: str) -> Sections:
+    ephemeris = {
+        "file": "ephemeris.csv",
+        "frame": campaign.position_frame,
+        "sigma_m": campaign.sigma_position,
+    }
+    return [
+        ("campaign", {"name": campaign.name, "time_scale": scale}),
+        ("camera", _camera(campaign)),
+        ("mounting", _mounting(campaign, tracker)),
+        ("ephemeris", ephemeris | gap(campaign.ephemeris.gap_s)),
+        *attitude_sections(campaign, tracker),
+        ("landmarks", {"file": "landmarks.csv"}),
+        ("images", {"file": "images.csv"}),
+        (measured, {"file": f"{measured}.csv"}),
+        ("corrections", vars(campaign.corrections)),
+    ]
+
+
+def _camera(campaign: Campaign) -> dict[str, object]:
+    camera = campaign.camera
+    if isinstance(camera, LineScanCamera):
+        rows = int(camera.size_px[1]) if np.isfinite(camera.size_px[1]) else 1
+        size = [int(camera.size_px[0]), rows]
+        return {"model": "line-scan", "image_size_px": size, "look_angles": "detectors.csv"}
+    if not isinstance(camera, FrameCamera):
+        raise ValueError(f"a {type(camera).__name__} cannot be written")
+    optics: dict[str, object] = {
+        "model": "frame",
+        "focal_length_mm": in_unit(camera.focal_length, MM),
+        "pixel_pitch_um": in_unit(camera.pitch, UM),
+        "image_size_px": [int(n) for n in camera.size_px],
+        "principal_point_px": list(camera.principal_point_px),
+    }
+    if not camera.distortion.is_zero:
+        optics["distortion"] = {"model": "brown-conrady", "k": camera.distortion.k, "p": camera.distortion.p}
+    return optics
+
+
+def _mounting(campaign: Campaign, tracker: str) -> dict[str, object]:
+    keys: dict[str, object] = {
+        "from": CAMERA,
+        "to": tracker,
+        "quaternion_xyzw": so3.to_quaternion(campaign.C_EK),
+    }
+    if campaign.sigma_mounting is not None:
+        keys["sigma_arcsec"] = in_unit(campaign.sigma_mounting, ARCSEC)
+    return keys

@@ -1,0 +1,89 @@
+"""The attitude of a campaign to its files, one series or one for each star tracker, and the sections that name them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...physics import so3
+from ...physics.series import Attitude
+from ...physics.timescales import format_iso
+from ...physics.trackers import FusedAttitude, TrackerSeries
+from ...physics.units import ARCSEC
+from ...table.campaign import Campaign
+from ..tables.read import Array, Epochs
+from ..text.write import csv_text
+from .motion import QUATERNION, SIGMA_ATTITUDE
+from .toml_text import Sections, in_unit
+
+_ALONG_AXES = 1e-6
+"""Correlation that a table of three sigmas may leave out."""
+
+
+def attitude_files(campaign: Campaign, scale: str) -> dict[str, str]:
+    """Every table of attitude by its file's name. Raises ValueError for a covariance that is not along E's axes."""
+    attitude = campaign.attitude
+    if isinstance(attitude, FusedAttitude):
+        return {
+            _file(i): _table(tracker.attitude, tracker.sigma_A if tracker.sigma_A.ndim == 2 else None, scale)
+            for i, tracker in enumerate(attitude.trackers)
+        }
+    sigma = along_axes(campaign.cov_attitude_E, "the attitude's covariance is not along the axes of E")
+    if sigma.ndim == 2:
+        order = np.argsort(campaign.images.t_ns)
+        at = (attitude.t_ns - attitude.t_ns[0]) * 1e-9
+        known = (campaign.images.t_ns[order] - attitude.t_ns[0]) * 1e-9
+        sigma = np.stack([np.interp(at, known, column) for column in sigma[order].mT], axis=-1)
+    return {"attitude.csv": _table(attitude, sigma if sigma.ndim == 2 else None, scale)}
+
+
+def attitude_sections(campaign: Campaign, frame: str) -> Sections:
+    """[attitude], or [[trackers]] and [fusion]; ``frame`` is the name of E."""
+    attitude = campaign.attitude
+    if isinstance(attitude, FusedAttitude):
+        trackers = [
+            ("[trackers]", _tracker(i, tracker, frame)) for i, tracker in enumerate(attitude.trackers)
+        ]
+        return [*trackers, ("fusion", {"frame": frame, "method": attitude.fusion})]
+    keys: dict[str, object] = {"file": "attitude.csv", "from": attitude.frame, "to": frame}
+    if campaign.cov_attitude_E.ndim == 2:
+        keys["sigma_arcsec"] = in_unit(np.sqrt(np.diagonal(campaign.cov_attitude_E)), ARCSEC)
+    return [("attitude", keys | gap(attitude.gap_s))]
+
+
+def _tracker(i: int, tracker: TrackerSeries, frame: str) -> dict[str, object]:
+    keys: dict[str, object] = {"file": _file(i), "from": tracker.attitude.frame, "to": tracker.name}
+    if tracker.sigma_A.ndim == 1:
+        keys["sigma_arcsec"] = in_unit(tracker.sigma_A, ARCSEC)
+    if tracker.name != frame:
+        turn = so3.to_quaternion(tracker.C_EA)
+        keys["mounting"] = {"from": tracker.name, "to": frame, "quaternion_xyzw": turn}
+    return keys | gap(tracker.attitude.gap_s)
+
+
+def _file(i: int) -> str:
+    return f"tracker{i + 1}.csv"
+
+
+def _table(attitude: Attitude, sigma: Array | None, scale: str) -> str:
+    """Samples with their sigmas (n, 3) rad, where they have sigmas of their own."""
+    header, columns = ["time", *QUATERNION], [times(attitude.t_ns, scale), *attitude.q_EF.mT]
+    if sigma is not None:
+        header, columns = [*header, *SIGMA_ATTITUDE], [*columns, *(sigma / ARCSEC).mT]
+    return csv_text(header, columns)
+
+
+def along_axes(covariance: Array, complaint: str) -> Array:
+    """Sigmas (..., 3) of covariances (..., 3, 3); ValueError where more than they is in them."""
+    variance = np.diagonal(covariance, axis1=-2, axis2=-1)
+    left_out = covariance - variance[..., None, :] * np.eye(3)
+    if np.any(np.abs(left_out) > _ALONG_AXES * np.max(variance, axis=-1)[..., None, None]):
+        raise ValueError(complaint)
+    return np.sqrt(variance)
+
+
+def times(t_ns: Epochs, scale: str) -> list[str]:
+    return format_iso(t_ns, scale, digits=9)
+
+
+def gap(gap_s: float | None) -> dict[str, object]:
+    return {} if gap_s is None else {"max_gap_s": gap_s}

@@ -1,0 +1,287 @@
+"""SPICE kernels: orbits read from an SPK by way of spiceypy, the mounting written as a text frame kernel."""
+
+from __future__ import annotations
+
+import re
+import textwrap
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from types import ModuleType
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from ...physics import timescales
+from ...physics.errors import InputError
+from ...physics.units import ARCSEC
+from ..text.files import trouble
+from ..text.write import write_text
+from .series_tables import EphemerisTable, EpochArray, FloatArray
+
+_TT_MINUS_TAI_NS = 32_184_000_000
+_SPK_STARTS = (b"DAF/SPK", b"NAIF/DAF")
+
+
+def tdb_seconds(t_ns: npt.ArrayLike) -> FloatArray:
+    """SPICE's ephemeris time of epochs ``t_ns`` (n,): TDB seconds since J2000 TDB.
+
+    TDB = TT + K sin E, E = M + e sin M, M = M0 + M1 t, with the constants of NAIF's leap-second kernels. It
+    is within 0.03 ms of the complete series; it is used because kernels are written with it, so that their
+    own times come back.
+    """
+    tt = (np.asarray(t_ns, dtype=np.int64) + _TT_MINUS_TAI_NS) * 1e-9
+    anomaly = 6.239996 + 1.99096871e-7 * tt
+    return np.asarray(tt + 1.657e-3 * np.sin(anomaly + 1.671e-2 * np.sin(anomaly)))
+
+
+class _Span(NamedTuple):
+    """An interval to sample, and the kernel's own interval around it in TDB seconds."""
+
+    start_ns: int
+    stop_ns: int
+    first_tdb: float
+    last_tdb: float
+
+
+def _span(first_tdb: float, last_tdb: float) -> _Span:
+    """Whole microseconds inside an interval of coverage; 0.2 us beyond, a rounding of TDB, is inside."""
+    start = int(np.ceil(_tt_of_tdb(first_tdb) * 1e6 - 0.2)) * 1000
+    stop = int(np.floor(_tt_of_tdb(last_tdb) * 1e6 + 0.2)) * 1000
+    return _Span(start - _TT_MINUS_TAI_NS, stop - _TT_MINUS_TAI_NS, first_tdb, last_tdb)
+
+
+def _tt_of_tdb(seconds: float) -> float:
+    """Inverse of the correction in :func:`tdb_seconds`, by iteration that gains ten digits a turn."""
+    tt = seconds
+    for _ in range(2):
+        tt += seconds - float(tdb_seconds(round(tt * 1e9) - _TT_MINUS_TAI_NS))
+    return tt
+
+
+def read_spk(
+    path: str | Path,
+    step_s: float = 10.0,
+    start_ns: int | None = None,
+    stop_ns: int | None = None,
+    target: int | None = None,
+) -> EphemerisTable:
+    """Geocentric states of one body in a SPICE SPK, sampled every ``step_s`` seconds.
+
+    Sampled is what of [``start_ns``, ``stop_ns``] (all where None) the kernel covers.
+    Frame J2000 of SPICE, which is the GCRF; m and m/s. Each interval of coverage is a segment and its end is
+    sampled as well. ``target`` (NAIF ID) may be left out where the file holds one body only. Raises
+    InputError where spiceypy is not installed, the file is no SPK, several bodies are there and none is
+    named, or nothing lies in the span.
+    """
+    if not step_s > 0:
+        raise InputError(f"{path}: the sampling step is {step_s} s, wanted more than 0")
+    spice = _spiceypy()
+    _check_kind(path)
+    with _loaded(spice, path):
+        body = _target(path, sorted(spice.spkobj(str(path))), target)
+        spans = _spans(path, spice.spkcov(str(path), body), start_ns, stop_ns)
+        epochs = [_samples(span, step_s) for span in spans]
+        tdb = np.concatenate([_tdb(span, t_ns) for span, t_ns in zip(spans, epochs, strict=True)])
+        states = np.array(spice.spkezr(str(body), tdb, "J2000", "NONE", "EARTH")[0]) * 1e3
+    borders = np.cumsum([0, *map(len, epochs)]).tolist()
+    return EphemerisTable(
+        np.concatenate(epochs),
+        r=states[:, :3],
+        v=states[:, 3:],
+        frame="GCRF",
+        time_scale="TAI",
+        object_name=str(body),
+        segments=tuple(pairwise(borders)),
+        frame_text="J2000",
+        object_id=str(body),
+    )
+
+
+def _spiceypy() -> ModuleType:
+    try:
+        import spiceypy
+    except ImportError:
+        raise InputError('SPICE kernels need spiceypy: pip install "starplumb[spice]"') from None
+    module: ModuleType = spiceypy
+    return module
+
+
+@contextmanager
+def _loaded(spice: ModuleType, path: str | Path) -> Iterator[None]:
+    """The kernel is loaded inside and unloaded after; SPICE's complaints become InputError."""
+    try:
+        spice.furnsh(str(path))
+        try:
+            yield
+        finally:
+            spice.unload(str(path))
+    except spice.utils.exceptions.SpiceyError as error:
+        reason = " ".join(f"{error.short} {error.long}".split())
+        raise InputError(f"{path}: SPICE cannot use this kernel: {reason}") from None
+
+
+def _check_kind(path: str | Path) -> None:
+    if (found := trouble(Path(path))) is not None:
+        raise InputError(f"{path}: {found}")
+    with Path(path).open("rb") as file:
+        if not file.read(8).startswith(_SPK_STARTS):
+            raise InputError(f"{path}: is not a SPICE SPK, which begins with DAF/SPK")
+
+
+def _target(path: str | Path, bodies: list[int], target: int | None) -> int:
+    listed = ", ".join(map(str, bodies))
+    if target is not None and target not in bodies:
+        raise InputError(f"{path}: holds no body {target}, name one of {listed}")
+    if target is None and len(bodies) != 1:
+        raise InputError(f"{path}: holds {len(bodies)} bodies, name one of {listed}")
+    return bodies[0] if target is None else target
+
+
+def _spans(
+    path: str | Path, coverage: Sequence[float], start_ns: int | None, stop_ns: int | None
+) -> list[_Span]:
+    """Intervals of coverage (TDB seconds, flat pairs), cut to the span asked for."""
+    ends = [float(end) for end in coverage]
+    covered = [_span(first, last) for first, last in zip(ends[::2], ends[1::2], strict=True)]
+    start = covered[0].start_ns if start_ns is None else start_ns
+    stop = covered[-1].stop_ns if stop_ns is None else stop_ns
+    cut = [
+        span._replace(start_ns=max(span.start_ns, start), stop_ns=min(span.stop_ns, stop)) for span in covered
+    ]
+    spans = [span for span in cut if span.start_ns < span.stop_ns]
+    if not spans:
+        wanted = timescales.format_iso([start, stop], "TAI", digits=3)
+        found = timescales.format_iso([covered[0].start_ns, covered[-1].stop_ns], "TAI", digits=3)
+        fault = f"nothing lies in {wanted[0]} .. {wanted[1]} TAI"
+        raise InputError(f"{path}: {fault}, the kernel covers {found[0]} .. {found[1]} TAI")
+    return spans
+
+
+def _samples(span: _Span, step_s: float) -> EpochArray:
+    step_ns = max(round(step_s * 1e9), 1)
+    return np.append(np.arange(span.start_ns, span.stop_ns, step_ns, dtype=np.int64), np.int64(span.stop_ns))
+
+
+def _tdb(span: _Span, t_ns: EpochArray) -> FloatArray:
+    """SPICE times of samples, not a rounding beyond the kernel's ends, where it would refuse."""
+    return np.clip(tdb_seconds(t_ns), span.first_tdb, span.last_tdb)
+
+
+def frame_name(name: str) -> str:
+    """``name`` as SPICE takes it: capitals, digits and underscores, a letter first, at most 26 characters.
+
+    SPICE compares names in capitals; FRAME_ and the name together must fit the 32 characters of a variable.
+    """
+    plain = re.sub(r"[^A-Z0-9_]", "_", name.upper())
+    return (plain if plain[:1].isalpha() else f"F_{plain}")[:26]
+
+
+@dataclass(frozen=True)
+class FrameIds:
+    """SPICE IDs of the camera's frame, the tracker's, and the spacecraft they belong to (negative).
+
+    Frame IDs come from the range 1400000 .. 2000000 that NAIF leaves to everybody. ``tracker`` None: the
+    frame of the tracker is defined by another kernel of the mission.
+    """
+
+    camera: int = 1_400_001
+    tracker: int | None = 1_400_002
+    spacecraft: int = -999
+
+    def __post_init__(self) -> None:
+        for frame_id in (self.camera, self.tracker):
+            if frame_id is not None and not 1_400_000 <= frame_id <= 2_000_000:
+                raise InputError(f"the SPICE frame ID is {frame_id}, wanted 1400000 to 2000000")
+        if self.camera == self.tracker:
+            raise InputError(f"both SPICE frames have the ID {self.camera}, wanted two different ones")
+
+
+DEFAULT_IDS = FrameIds()
+
+
+def write_frame_kernel(
+    path: str | Path,
+    C_EK: FloatArray,
+    from_name: str = "CAMERA",
+    to_name: str = "STAR_TRACKER",
+    *,
+    ids: FrameIds = DEFAULT_IDS,
+    covariance_E: FloatArray | None = None,
+    comments: Sequence[str] = (),
+) -> None:
+    """Write :func:`frame_kernel_text` to a file (.tf); InputError where that cannot be."""
+    text = frame_kernel_text(C_EK, from_name, to_name, ids=ids, covariance_E=covariance_E, comments=comments)
+    write_text(Path(path), text)
+
+
+def frame_kernel_text(
+    C_EK: FloatArray,
+    from_name: str = "CAMERA",
+    to_name: str = "STAR_TRACKER",
+    *,
+    ids: FrameIds = DEFAULT_IDS,
+    covariance_E: FloatArray | None = None,
+    comments: Sequence[str] = (),
+) -> str:
+    """The mounting as a SPICE text frame kernel: ``pxform(from_name, to_name, et)`` is ``C_EK`` (3, 3).
+
+    The camera is a fixed-offset (TK) frame relative to the tracker, the tracker a frame whose attitude comes
+    from a C-kernel. Names pass :func:`frame_name`. ``covariance_E`` (3, 3), rad^2 about the axes of E, and
+    ``comments`` stand in the kernel as text. Source: NAIF, Frames Required Reading. InputError where both
+    names are one.
+    """
+    camera, tracker = frame_name(from_name), frame_name(to_name)
+    if camera == tracker:
+        raise InputError(f"the SPICE names of both frames are {camera}, wanted two different ones")
+    data = _camera(camera, tracker, ids, C_EK)
+    if ids.tracker is not None:
+        data += ["", *_definition(tracker, ids.tracker, 3, ids.spacecraft)]
+    prose = _comment(_prose(camera, tracker, covariance_E, comments))
+    return "\n".join(["KPL/FK", "", *prose, "", "\\begindata", "", *data, "", "\\begintext", ""])
+
+
+def _camera(camera: str, tracker: str, ids: FrameIds, C_EK: FloatArray) -> list[str]:
+    """A fixed-offset frame (class 4): its matrix, column by column, takes it to the tracker's."""
+    columns = np.asarray(C_EK, dtype=float).mT.tolist()
+    return [
+        *_definition(camera, ids.camera, 4, ids.spacecraft),
+        f"TKFRAME_{ids.camera}_RELATIVE = '{tracker}'",
+        f"TKFRAME_{ids.camera}_SPEC = 'MATRIX'",
+        f"TKFRAME_{ids.camera}_MATRIX = (",
+        *("   " + " ".join(map(repr, column)) for column in columns),
+        ")",
+    ]
+
+
+def _definition(name: str, frame_id: int, kind: int, center_id: int) -> list[str]:
+    return [
+        f"FRAME_{name} = {frame_id}",
+        f"FRAME_{frame_id}_NAME = '{name}'",
+        f"FRAME_{frame_id}_CLASS = {kind}",
+        f"FRAME_{frame_id}_CLASS_ID = {frame_id}",
+        f"FRAME_{frame_id}_CENTER = {center_id}",
+    ]
+
+
+def _prose(
+    camera: str, tracker: str, covariance_E: FloatArray | None, comments: Sequence[str]
+) -> Iterator[str]:
+    yield f"Mounting of {camera} on {tracker}, written by starplumb."
+    yield f"The matrix takes coordinates from {camera} to {tracker}; SPICE lists it column by column."
+    if covariance_E is not None:
+        yield f"Covariance of its error about the axes of {tracker}, arcsec^2, row by row:"
+        for row in np.asarray(covariance_E, dtype=float) / ARCSEC**2:
+            yield "   " + " ".join(f"{value: .9e}" for value in row)
+    yield from comments
+
+
+def _comment(texts: Iterator[str]) -> Iterator[str]:
+    """Comment lines that SPICE will not mistake for data: ASCII, within its limit of width, no backslash."""
+    for text in texts:
+        for line in text.splitlines() or [""]:
+            plain = line.expandtabs(4).encode("ascii", "replace").decode().replace("\\", "/")
+            yield from textwrap.wrap(plain, 80, initial_indent="   ", subsequent_indent="   ") or [""]

@@ -1,0 +1,101 @@
+"""Grids of ground positions on disk: GeoTIFF with GDAL's geolocation tags, or a NumPy array."""
+
+from __future__ import annotations
+
+import os
+import warnings
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...physics.errors import InputError
+from ...physics.units import DEG
+
+Array = NDArray[np.float64]
+
+ENDINGS = (".tif", ".tiff", ".npy")
+BANDS = ("longitude_deg", "latitude_deg", "height_m")
+
+
+def require_ending(path: Path) -> None:
+    """Raise InputError for a file that would be neither."""
+    if path.suffix.lower() not in ENDINGS:
+        raise InputError(f"{path}: found the ending {path.suffix!r}, wanted {', '.join(ENDINGS)}")
+
+
+def write_grid(path: Path, blocks: Iterable[Array], shape: tuple[int, int], every: int) -> int:
+    """Write blocks of rows (r, c, 3) of longitude, latitude (rad) and height (m); returns how many pixels are NaN.
+
+    ``shape`` is (rows, columns), ``every`` the step in pixels.  The file appears when it is whole.  Raises InputError
+    where it cannot be written.
+    """
+    beside = path.with_name(f".{path.name}.{os.getpid()}.part{path.suffix}")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        open_file = _array if path.suffix.lower() == ".npy" else _geotiff
+        with open_file(beside, shape, every) as put:
+            missing, at = 0, 0
+            for block in blocks:
+                degrees = block * np.array([1.0 / DEG, 1.0 / DEG, 1.0])
+                missing += int(np.isnan(degrees[..., 2]).sum())
+                put(at, np.moveaxis(degrees, -1, 0))
+                at += len(block)
+        beside.replace(path)
+    except OSError as error:
+        raise InputError(
+            f"{path}: found no way to write it ({error.strerror or error}), wanted a file that can be written"
+        ) from None
+    finally:
+        beside.unlink(missing_ok=True)
+    return missing
+
+
+@contextmanager
+def _array(path: Path, shape: tuple[int, int], every: int) -> Iterator[Any]:
+    """Writer of a NumPy file (3, rows, columns)."""
+    grid = np.lib.format.open_memmap(path, mode="w+", dtype=np.float64, shape=(len(BANDS), *shape))
+
+    def put(at: int, block: Array) -> None:
+        grid[:, at : at + block.shape[1]] = block
+
+    yield put
+    grid.flush()
+
+
+@contextmanager
+def _geotiff(path: Path, shape: tuple[int, int], every: int) -> Iterator[Any]:
+    """Writer of a GeoTIFF with a band each and the tags by which GDAL takes it as a geolocation array."""
+    try:
+        import rasterio
+        from rasterio.errors import NotGeoreferencedWarning, RasterioIOError
+        from rasterio.windows import Window
+    except ImportError:
+        raise InputError(f'{path}: writing it needs rasterio: pip install "starplumb[gis]"') from None
+    profile = {
+        "driver": "GTiff",
+        "dtype": "float64",
+        "count": len(BANDS),
+        "nodata": float("nan"),
+        "bigtiff": "if_safer",
+    }
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", NotGeoreferencedWarning)  # its own pixels are where it says they are
+        try:
+            with rasterio.open(path, "w", height=shape[0], width=shape[1], **profile) as file:
+                for band, name in enumerate(BANDS, 1):
+                    file.set_band_description(band, name)
+                tags = {"X_BAND": 1, "Y_BAND": 2, "Z_BAND": 3, "SRS": "EPSG:4979"}
+                # GDAL counts from the corner of the image, whatever the user does, and these are centres of pixels
+                steps = {"PIXEL_OFFSET": 0.5, "LINE_OFFSET": 0.5, "PIXEL_STEP": every, "LINE_STEP": every}
+                file.update_tags(ns="GEOLOCATION", **tags, **steps)
+
+                def put(at: int, block: Array) -> None:
+                    file.write(block, window=Window(0, at, block.shape[2], block.shape[1]))
+
+                yield put
+        except RasterioIOError as error:
+            raise OSError(str(error)) from None

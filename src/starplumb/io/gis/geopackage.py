@@ -1,0 +1,76 @@
+"""Residuals as a GeoPackage: a layer of points that a geographic information system shows on its map."""
+
+from __future__ import annotations
+
+import os
+import struct
+from collections.abc import Sequence
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...physics.errors import InputError
+from ..text.write import Column
+
+Array = NDArray[np.float64]
+
+LAYER = "residuals"
+_NO_DATE = "1970-01-01T00:00:00.000Z"
+"""What stands for the time of writing, so that the same input gives the same file."""
+
+
+def require_pyogrio(path: Path) -> None:
+    """Raise InputError where the library that writes ``path`` is not installed; asked before long work is begun."""
+    if find_spec("pyogrio") is None:
+        raise InputError(f'{path}: writing it needs pyogrio: pip install "starplumb[gis]"')
+
+
+def write_residuals(
+    path: Path,
+    latitude_deg: Array,
+    longitude_deg: Array,
+    names: Sequence[str],
+    columns: Sequence[Column],
+) -> None:
+    """Write points (n,) of WGS 84 with the columns of ``residuals.csv`` as attributes, beside and then renamed.
+
+    Raises InputError where pyogrio is not installed or the place cannot be written to.
+    """
+    require_pyogrio(path)
+    from pyogrio import raw, set_gdal_config_options
+    from pyogrio.errors import DataSourceError
+
+    points = [struct.pack("<BIdd", 1, 1, x, y) for x, y in zip(longitude_deg, latitude_deg, strict=True)]
+    beside = path.with_name(f".{os.getpid()}.{path.name}")
+    set_gdal_config_options({"OGR_CURRENT_DATE": _NO_DATE})
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        raw.write(
+            beside,
+            geometry=np.array(points, dtype=object),
+            field_data=[_field(column) for column in columns],
+            fields=np.array(names, dtype=object),
+            layer=LAYER,
+            driver="GPKG",
+            geometry_type="Point",
+            crs="EPSG:4326",
+        )
+        beside.replace(path)
+    except (OSError, DataSourceError) as error:
+        reason = " ".join(str(error).split())
+        raise InputError(
+            f"{path}: found no way to write there ({reason}), wanted a folder that can be written"
+        ) from None
+    finally:
+        set_gdal_config_options({"OGR_CURRENT_DATE": None})
+        beside.unlink(missing_ok=True)
+
+
+def _field(column: Column) -> NDArray[Any]:
+    """A column of text, or of numbers in which an empty (masked) cell is no number."""
+    if isinstance(column, np.ndarray):
+        return np.asarray(np.ma.filled(column, np.nan))
+    return np.array(column, dtype=object)

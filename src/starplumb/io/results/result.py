@@ -1,0 +1,262 @@
+"""``result.json``: what a calibration found, as a document, and the mounting read back from it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ... import __version__
+from ...estimators.protocol import ParameterVector
+from ...judge.calibrate import Calibration, shares
+from ...judge.residuals import Accuracy, rms
+from ...judge.separability import known
+from ...physics import so3
+from ...physics.errors import InputError
+from ...physics.units import ARCSEC
+from ...table.parameter_names import UNITS, unit_of
+from ..campaign.read import LoadedCampaign
+from ..text.files import read_text
+
+Array = NDArray[np.float64]
+
+SCHEMA = "starplumb-result/1"
+LISTED_AT_MOST = 10_000
+"""Images, and landmarks, in ``result.json``; of more the worst: who opens it looks for those."""
+
+
+def result_document(
+    calibration: Calibration,
+    method: str,
+    frames: tuple[str, str],
+    inputs: Mapping[str, str],
+    provenance: Mapping[str, Any],
+    truth: Array | None = None,
+) -> dict[str, Any]:
+    """``result.json`` as a dictionary; ``frames`` are the user's names of camera and star tracker.
+
+    Numbers that cannot be stated (no covariance, a singular solution, lines of sight that miss the Earth) are null.
+    """
+    c, estimate = calibration, calibration.estimate
+    covariance, sigma = estimate.covariance_E, estimate.sigma_E
+    return {
+        "schema": SCHEMA,
+        "status": c.status.name.lower(),
+        "message": c.message,
+        "method": method,
+        "mounting": {
+            "from": frames[0],
+            "to": frames[1],
+            "matrix": numbers(estimate.C_EK),
+            "quaternion_xyzw": numbers(so3.to_quaternion(estimate.C_EK)),
+        },
+        "correction_arcsec": numbers(c.correction_E / ARCSEC),
+        "sigma_arcsec": None if sigma is None else numbers(sigma / ARCSEC),
+        "covariance_arcsec2": None if covariance is None else numbers(covariance / ARCSEC**2),
+        "fit": _fit(c),
+        "geolocation": {
+            "before": accuracy_document(c.accuracy(after=False)),
+            "after": accuracy_document(c.accuracy(after=True)),
+            "check": _check(c),
+        },
+        "rejected": [
+            {
+                "image_id": c.campaign.images.ids[r.image],
+                "landmark_id": c.campaign.landmarks.ids[r.landmark],
+                "statistic": r.statistic,
+                "reason": r.reason,
+            }
+            for r in c.rejected
+        ],
+        **_budget(c),
+        **({} if estimate.parameters is None else _parameters(c, estimate.parameters)),
+        **_shared(c),
+        **({} if truth is None else {"truth": _truth(c, truth)}),
+        "inputs": dict(inputs),
+        "software": {"starplumb": __version__, "numpy": np.__version__},
+        **provenance,
+    }
+
+
+def _truth(c: Calibration, C_EK_true: Array) -> dict[str, Any]:
+    """Where a simulation started from: the true correction, the error of the estimate and that over its sigma."""
+    error = so3.log(c.estimate.C_EK @ C_EK_true.mT)
+    sigma = c.estimate.sigma_E
+    return {
+        "quaternion_xyzw": numbers(so3.to_quaternion(C_EK_true)),
+        "correction_arcsec": numbers(so3.log(C_EK_true @ c.campaign.C_EK.mT) / ARCSEC),
+        "error_arcsec": numbers(error / ARCSEC),
+        "error_over_sigma": None if sigma is None else numbers(error / sigma),
+    }
+
+
+def provenance(loaded: LoadedCampaign) -> dict[str, Any]:
+    """Where the Earth's orientation came from, whether it was predicted, and which corrections were on."""
+    c = loaded.campaign.corrections
+    orientation = loaded.orientation
+    return {
+        "earth_orientation": None
+        if orientation is None
+        else {"source": orientation.source, "predicted": loaded.predicted_orientation},
+        "corrections": {"light_time": c.light_time, "aberration": c.aberration, "refraction": c.refraction},
+        "notices": list(loaded.notices),
+    }
+
+
+def read_mounting(path: Path, loaded: LoadedCampaign) -> tuple[Array, Array, str]:
+    """C_EK, its covariance (rad^2 about E; zero where none is stated) and a word on it from a ``result.json``.
+
+    Raises InputError where the file is no such result, its frames are not the campaign's, or its status forbids it.
+    """
+    try:
+        document = json.loads(read_text(path))
+        mounting, status = document["mounting"], document["status"]
+        C_EK = np.array(mounting["matrix"], dtype=np.float64)
+        stated = document["covariance_arcsec2"]
+        covariance = np.zeros((3, 3)) if stated is None else ARCSEC**2 * np.array(stated, dtype=np.float64)
+        frames = (mounting["from"], mounting["to"])
+        usable = C_EK.shape == covariance.shape == (3, 3) and np.allclose(
+            C_EK @ C_EK.mT, np.eye(3), atol=1e-6
+        )
+    except (ValueError, KeyError, TypeError) as error:
+        raise InputError(f"{path}: found no usable mounting ({error!r}), wanted a {SCHEMA} result") from None
+    if status not in ("ok", "weak") or not usable:
+        raise InputError(
+            f"{path}: status: found {status!r}, wanted a result whose mounting may be used (ok or weak)"
+        )
+    wanted = ("camera", loaded.config.tracker)
+    if frames != wanted:
+        raise InputError(
+            f"{path}: mounting: found {frames[0]} to {frames[1]}, wanted {wanted[0]} to {wanted[1]}"
+        )
+    return C_EK, covariance, f"{path.name}, {document['method']}" + ("" if stated else ", no sigma stated")
+
+
+def numbers(values: Any) -> Any:
+    """Nested lists of floats; a number that is not finite becomes null, which JSON can say."""
+    array = np.asarray(values, dtype=np.float64)
+    if array.ndim == 0:
+        return float(array) if np.isfinite(array) else None
+    return [numbers(row) for row in array]
+
+
+def accuracy_document(accuracy: Accuracy | None) -> dict[str, Any]:
+    if accuracy is None:
+        return {"rmse_m": None, "ce90_m": None}
+    return {"rmse_m": accuracy.rmse, "ce90_m": accuracy.ce90}
+
+
+def _check(c: Calibration) -> dict[str, Any] | None:
+    after = c.accuracy(after=True, check=True)
+    if after is None:
+        return None
+    before = c.accuracy(after=False, check=True)
+    return {**accuracy_document(after), "observations": after.n, "before": accuracy_document(before)}
+
+
+def _fit(c: Calibration) -> dict[str, Any]:
+    """Counts and quality of the fit: ``rms_px`` at the estimate, ``rms_own_px`` less each image's and landmark's own
+    estimated error."""
+    used = c.residuals.used
+    images = c.observations.image[used]
+    dof = c.estimate.degrees_of_freedom
+    return {
+        "images": int(np.unique(images).size),
+        "observations": int(images.size),
+        "degrees_of_freedom": int(2 * images.size - 3) if dof is None else int(dof),
+        "chi2": None if c.estimate.chi2 is None else numbers(c.estimate.chi2),
+        "chi2_p": c.chi2_p,
+        "rms_px": numbers(rms(c.residuals.after_px[used])),
+        "rms_own_px": numbers(rms(c.residuals.fit_px[used])),
+        "iterations": int(c.estimate.iterations),
+    }
+
+
+def _budget(c: Calibration) -> dict[str, Any]:
+    """What each error source alone contributes to the sigmas; nothing where the method does not say."""
+    rows = [
+        {"source": name, "sigma_arcsec": numbers(np.sqrt(np.diagonal(part)) / ARCSEC)}
+        for name, part in shares(c).items()
+    ]
+    return {"budget": rows} if rows else {}
+
+
+def _parameters(c: Calibration, p: ParameterVector) -> dict[str, Any]:
+    """What was estimated beside the alignment, each in its unit, and the covariance of all of it with the alignment.
+
+    A parameter that the data do not tell is not ``known`` and its correction null.
+    """
+    units = [unit_of(name) for name in p.names]
+    scale = np.array([ARCSEC] * 3 + [UNITS[unit] for unit in units])
+    trusted = known(p, list(c.combinations))
+    sigma = np.sqrt(np.diagonal(p.covariance)) / scale
+    listed = [
+        {
+            "name": name,
+            "unit": units[i],
+            "known": bool(trusted[i]),
+            "correction": numbers(p.values[i] / scale[3 + i]) if trusted[i] else None,
+            "sigma": numbers(sigma[3 + i]),
+            "prior_sigma": numbers(p.prior_sigma[i] / scale[3 + i]),
+        }
+        for i, name in enumerate(p.names)
+    ]
+    axes = [f"alignment_{axis}_arcsec" for axis in "xyz"]
+    names = [f"{name}_{unit}".rstrip("_") for name, unit in zip(p.names, units, strict=True)]
+    covariance = {"names": axes + names, "matrix": numbers(p.covariance / scale[:, None] / scale)}
+    return {"parameters": listed, "parameter_covariance": covariance}
+
+
+def _shared(c: Calibration) -> dict[str, Any]:
+    """Images and landmarks with their residuals; of very many those that fit worst, and how many are left out."""
+    images, landmarks = c.campaign.images.ids, c.campaign.landmarks.ids
+    of_images = _grouped(c, c.observations.image, len(images))
+    of_landmarks = _grouped(c, c.observations.landmark, len(landmarks))
+    left = {
+        "images": max(len(images) - LISTED_AT_MOST, 0),
+        "landmarks": max(len(landmarks) - LISTED_AT_MOST, 0),
+    }
+    return {
+        "images": [_image(c, i) | _residuals(of_images, i) for i in _worst(of_images[:, 1])],
+        "landmarks": [
+            {"landmark_id": landmarks[i]} | _residuals(of_landmarks, i) for i in _worst(of_landmarks[:, 2])
+        ],
+        **({"not_listed": left} if any(left.values()) else {}),
+    }
+
+
+def _grouped(c: Calibration, group: NDArray[np.int64], n: int) -> Array:
+    """Sightings used, rms and own rms in pixels of each of n groups, (n, 3); zeros for none."""
+    r = c.residuals
+    mine = group[r.used]
+    count = np.bincount(mine, minlength=n)
+    squares = (np.sum(px[r.used] ** 2, axis=-1) for px in (r.after_px, r.fit_px))
+    roots = (np.sqrt(np.bincount(mine, s, n) / np.maximum(2 * count, 1)) for s in squares)
+    return np.stack([count, *roots], axis=-1)
+
+
+def _worst(rms_px: Array) -> list[int]:
+    """Rows that are listed, in order: all, or those of the largest rms."""
+    chosen = np.argsort(-rms_px, kind="stable")[:LISTED_AT_MOST]
+    return [int(i) for i in np.sort(chosen)]
+
+
+def _residuals(grouped: Array, i: int) -> dict[str, Any]:
+    count, rms_px, own = grouped[i]
+    return {"observations": int(count), "rms_px": numbers(rms_px), "rms_own_px": numbers(own)}
+
+
+def _image(c: Calibration, i: int) -> dict[str, Any]:
+    """An image's own estimated attitude and position error, and how many sigmas that is."""
+    r = c.residuals
+    tested = None if c.snooping is None else c.snooping.tested.images[0][i]
+    return {
+        "image_id": c.campaign.images.ids[i],
+        "attitude_error_arcsec": numbers(r.alpha_E[i] / ARCSEC),
+        "position_error_m": numbers(r.rho_J[i]),
+        "statistic": None if tested is None else numbers(np.sqrt(tested)),
+    }

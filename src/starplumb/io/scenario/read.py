@@ -1,0 +1,272 @@
+"""A scenario from its TOML file, or from those that come with the package, brought inside as physics."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from importlib.resources import files as package_files
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...physics.camera import Camera, LineScanCamera
+from ...physics.earth import WGS84_A
+from ...physics.errors import InputError
+from ...physics.light import Corrections
+from ...physics.orbit import KeplerOrbit, Orbit
+from ...physics.orientation import EarthOrientation
+from ...physics.timescales import parse
+from ...physics.units import ARCSEC, DEG
+from ...plan import marker_layout as layout
+from ...plan import passes, scene
+from ...plan.error_catalogue import Flight
+from ...plan.error_sources import Distribution
+from ...plan.scenario import Initial, Scenario
+from ...table.campaign import Campaign
+from ...table.geometry import observe
+from ..campaign.attitude import model_mounting
+from ..campaign.camera import read_camera
+from ..campaign.config import EphemerisConfig
+from ..text.files import nearest
+from ..text.toml import check, read_toml
+from .config import MarkersConfig, OrbitConfig, ScenarioConfig
+from .errors import error_sources
+
+Array = NDArray[np.float64]
+
+SHIPPED = "scenarios"
+"""Folder of the package that holds the shipped scenarios."""
+FILE_MARGIN_S = 1200.0
+"""How far about the images a SPICE kernel is read."""
+
+
+def shipped_scenarios() -> dict[str, Path]:
+    """The scenarios that come with the package, by name."""
+    folder = Path(str(package_files("starplumb") / SHIPPED))
+    return {path.stem: path for path in sorted(folder.glob("*.toml"))}
+
+
+def find_scenario(name: str) -> Path:
+    """A file of this name, or the shipped scenario.  Raises InputError that lists the shipped ones."""
+    path, shipped = Path(name), shipped_scenarios()
+    if path.exists() or path.suffix == ".toml":
+        return path
+    if name in shipped:
+        return shipped[name]
+    near = nearest(name, shipped)
+    hint = f" (did you mean {near}?)" if near else ""
+    raise InputError(
+        f"{name}: found no such file, wanted a SCENARIO.toml or one of {', '.join(shipped)}{hint}"
+    )
+
+
+def load_scenario(path: Path) -> Scenario:
+    """The scenario of a TOML file.  Raises InputError, one line with all that is wrong."""
+    config = check(read_toml(path), ScenarioConfig, path)
+    try:
+        return build(config, path.parent)
+    except InputError as error:
+        text = str(error)
+        raise error if text.startswith(str(path.parent)) else InputError(f"{path}: {text}") from None
+
+
+def build(config: ScenarioConfig, folder: Path) -> Scenario:
+    """The scenario of a checked document; the files it names stand relative to ``folder``."""
+    rng = np.random.default_rng(config.scenario.scene_seed)
+    C_EK = np.eye(3) if config.mounting is None else model_mounting(config.mounting)
+    camera = _camera(config, folder)
+    unmarked, pass_of_image = _fly(config, folder, camera, C_EK, rng)
+    campaign = _mark(config, folder, unmarked, rng)
+    if campaign.sightings.image.size < 2:
+        raise InputError(
+            f"markers: found {campaign.sightings.image.size} in the images, wanted two sightings or more "
+            "(their extent may pass the frame)"
+        )
+    flight = Flight(observe(campaign), campaign, pass_of_image)
+    sources = error_sources(config, flight)
+    omit, factor = set(config.stated.omit), config.stated.factor
+    told = tuple(
+        source.scaled(factor.get(source.name, 1.0))
+        for source in sources
+        if source.name not in omit and not source.is_blunder
+    )
+    start = config.initial
+    initial = Initial(ARCSEC * np.array(start.sigma_arcsec), Distribution(start.distribution), start.stated)
+    if initial.stated and not np.all(initial.sigma > 0.0):
+        raise InputError("initial.sigma_arcsec: found a sigma of 0 stated as a prior, wanted positive ones")
+    general = config.scenario
+    return Scenario(general.name, general.description, campaign, flight.truth, C_EK, sources, told, initial)
+
+
+def _camera(config: ScenarioConfig, folder: Path) -> Camera:
+    table = config.camera.look_angles
+    camera = read_camera(config.camera, None if table is None else folder / table, [])
+    size = config.camera.image_size_px
+    if isinstance(camera, LineScanCamera):
+        if size is None:
+            raise InputError(
+                "camera.image_size_px: missing, wanted two positive whole numbers, columns and rows"
+            )
+        return replace(camera, size_px=(camera.size_px[0], float(size[1])))
+    return camera
+
+
+def _kepler(orbit: OrbitConfig) -> KeplerOrbit:
+    if orbit.model == "circular":
+        a = WGS84_A + 1e3 * (orbit.altitude_km or 0.0)
+    else:
+        a = 1e3 * (orbit.semi_major_axis_km or 0.0)
+    angles = (orbit.inclination_deg, orbit.node_deg, orbit.perigee_deg, orbit.mean_anomaly_deg)
+    inclination, node, perigee, anomaly = (DEG * (angle or 0.0) for angle in angles)
+    shape = KeplerOrbit(a, orbit.eccentricity or 0.0, inclination, node, perigee, anomaly)
+    if a * (1.0 - shape.eccentricity) < WGS84_A + 1e5:
+        raise InputError(
+            f"orbit: found a perigee {(a * (1.0 - shape.eccentricity) - WGS84_A) / 1e3:.0f} km above the "
+            "equator, wanted more than 100 km"
+        )
+    return shape
+
+
+def _file_orbit(
+    config: ScenarioConfig, folder: Path, orientation: EarthOrientation, epoch_ns: int
+) -> passes.SampledOrbit:
+    from ..campaign.motion import read_ephemeris
+
+    orbit, times = config.orbit, config.images.times_s or tuple(flight.time_s for flight in config.passes)
+    assert orbit.file is not None  # the document's rules saw to both
+    assert orbit.frame is not None
+    around = scene.epochs_ns(epoch_ns, [min(times) - FILE_MARGIN_S, max(times) + FILE_MARGIN_S])
+    about = EphemerisConfig(file=orbit.file, frame=orbit.frame, sigma_m=(0.0, 0.0, 0.0), object=orbit.object)
+    scale = config.scenario.time_scale
+    ephemeris = read_ephemeris(folder / orbit.file, about, scale, around, orientation, [])
+    return passes.SampledOrbit(ephemeris, orientation, epoch_ns)
+
+
+def _fly(
+    config: ScenarioConfig, folder: Path, camera: Camera, C_EK: Array, rng: np.random.Generator
+) -> tuple[Campaign, NDArray[np.int64]]:
+    """The campaign without markers, and the pass of each image."""
+    orientation = EarthOrientation.load()
+    epoch_ns = int(parse([config.scenario.epoch], config.scenario.time_scale)[0])
+    from_file = config.orbit.model == "file"
+    orbit: Orbit = _file_orbit(config, folder, orientation, epoch_ns) if from_file else _kepler(config.orbit)
+    period = config.images.line_period_s or _square_period(camera, orbit)
+
+    def photograph(orbit: Orbit, epoch_ns: int, flight: scene.Pass) -> Campaign:
+        return scene.photograph(
+            camera,
+            orbit,
+            orientation,
+            epoch_ns,
+            flight,
+            C_EK,
+            _UNSTATED,
+            _corrections(config),
+            period,
+            config.scenario.name,
+        )
+
+    if config.images.times_s is not None:
+        images = config.images
+        time = np.array(images.times_s)
+        roll, pitch, yaw = (
+            DEG * np.broadcast_to(turn, time.shape)
+            for turn in (images.roll_deg, images.pitch_deg, images.yaw_deg)
+        )
+        flight = passes.aim_from_orbit(
+            orbit, orientation, epoch_ns, time, np.stack([roll, pitch], axis=-1), yaw
+        )
+        campaign = photograph(orbit, epoch_ns, flight)
+        return campaign, np.zeros(time.size, dtype=np.int64)
+    flown = []
+    for number, plan in enumerate(config.passes):
+        try:
+            flown.append(photograph(*_plan_pass(config, number, orbit, orientation, epoch_ns, rng)))
+        except InputError as error:
+            raise InputError(
+                f"passes.{number}: {error} (roll {plan.roll_deg or 0:g}, pitch {plan.pitch_deg})"
+            ) from None
+    return passes.join(flown)
+
+
+_UNSTATED = scene.Sigmas(np.zeros(3), np.zeros(3), np.zeros(3), 1.0)
+"""A true scene states no error; its sources do."""
+
+
+def _corrections(config: ScenarioConfig) -> Corrections:
+    switches = config.corrections
+    return Corrections(switches.light_time, switches.aberration, switches.refraction)
+
+
+def _square_period(camera: Camera, orbit: Orbit) -> float:
+    """Duration of a row that makes a pixel as long as it is wide, at nadir, s."""
+    if not isinstance(camera, LineScanCamera):
+        return 0.0
+    r, v = (float(np.linalg.norm(x)) for x in orbit.at(0.0))
+    pixel = abs(camera.tan_x[-1] - camera.tan_x[0]) / (camera.column_px[-1] - camera.column_px[0])
+    return float(pixel * (r - WGS84_A) / (v * WGS84_A / r))
+
+
+def _plan_pass(
+    config: ScenarioConfig,
+    number: int,
+    orbit: Orbit,
+    orientation: EarthOrientation,
+    epoch_ns: int,
+    rng: np.random.Generator,
+) -> tuple[Orbit, int, scene.Pass]:
+    """Orbit, epoch and images of one pass over the site."""
+    plan, site = config.passes[number], config.site
+    assert site is not None  # the document's rules saw to it
+    place = (DEG * site.latitude_deg, DEG * site.longitude_deg)
+    near_s = plan.time_s
+    if isinstance(orbit, KeplerOrbit):
+        # a pass has its own orbit, of the given shape, so that it sees the site as asked
+        epoch_ns, near_s = epoch_ns + round(1e9 * plan.time_s), 0.0
+        roll = DEG * (plan.roll_deg or 0.0)
+        orbit = passes.pass_over(orbit, orientation, epoch_ns, place, roll, plan.direction == "ascending")
+    pitch = DEG * np.array(plan.pitch_deg)
+    offset = config.images.pointing_sigma_m * rng.standard_normal((pitch.size, 2))
+    centre, *aim = scene.site_grid(*place, site.height_m, np.concatenate([np.zeros((1, 2)), offset]))
+    time = passes.times_at_pitch(orbit, orientation, epoch_ns, near_s, centre, pitch)
+    yaw = DEG * np.broadcast_to(plan.yaw_deg, pitch.shape)
+    return orbit, epoch_ns, scene.Pass(time, np.array(aim), yaw)
+
+
+def _mark(config: ScenarioConfig, folder: Path, campaign: Campaign, rng: np.random.Generator) -> Campaign:
+    """The campaign with its markers sighted."""
+    markers = config.markers
+    if markers.layout == "file":
+        from ..campaign.markers import read_landmarks
+
+        return scene.mark_site(campaign, read_landmarks(folder / str(markers.file), []).r_J, _UNSTATED)
+    if markers.on == "site":
+        site = config.site
+        assert site is not None  # the document's rules saw to it
+        offset = 1e3 * _offsets(markers, rng)
+        height = rng.uniform(*markers.height_m, len(offset))
+        place = (DEG * site.latitude_deg, DEG * site.longitude_deg)
+        return scene.mark_site(campaign, scene.site_grid(*place, height, offset), _UNSTATED)
+    columns, rows = campaign.camera.size_px
+    middle = 0.5 * np.array([columns - 1.0, rows - 1.0])
+    m = len(campaign.images.ids)
+    pixel = np.concatenate(
+        [middle + (markers.extent or 1.0) * middle * _unit_layout(markers, rng) for _ in range(m)]
+    )
+    height = rng.uniform(*markers.height_m, len(pixel))
+    return scene.mark_pixels(campaign, np.repeat(np.arange(m), len(pixel) // m), pixel, height, _UNSTATED)
+
+
+def _offsets(markers: MarkersConfig, rng: np.random.Generator) -> Array:
+    """Offsets east and north of the site, km."""
+    if markers.east_north_km is not None:
+        return np.array(markers.east_north_km)
+    return 0.5 * np.array(markers.extent_km) * _unit_layout(markers, rng)
+
+
+def _unit_layout(markers: MarkersConfig, rng: np.random.Generator) -> Array:
+    count = markers.count or (1,)
+    if markers.layout == "grid":
+        return layout.grid(count[0], count[-1])
+    total = int(np.prod(count))
+    return layout.ring(total) if markers.layout == "ring" else layout.scattered(total, rng)

@@ -1,0 +1,105 @@
+"""Bytes from disk to text, with a sentence for all that can be wrong before the content is looked at."""
+
+from __future__ import annotations
+
+import codecs
+import hashlib
+from collections.abc import Iterable
+from difflib import get_close_matches
+from pathlib import Path
+
+from ...physics.errors import InputError
+
+_SHOWN = 60
+_MARKS = (
+    (codecs.BOM_UTF32_LE, "UTF-32"),
+    (codecs.BOM_UTF32_BE, "UTF-32"),
+    (codecs.BOM_UTF16_LE, "UTF-16"),
+    (codecs.BOM_UTF16_BE, "UTF-16"),
+)
+
+
+def show(value: object) -> str:
+    """``value`` as one short line: text in double quotes, control characters escaped, as in TOML."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, list | tuple):
+        text = "[" + ", ".join(show(item) for item in value[:8]) + (", ...]" if len(value) > 8 else "]")
+    elif isinstance(value, str):
+        body = value if len(value) <= _SHOWN else value[: _SHOWN - 3] + "..."
+        return '"' + "".join(c if c.isprintable() else repr(c)[1:-1] for c in body) + '"'
+    else:
+        text = " ".join(str(value).split())
+    return text if len(text) <= _SHOWN else text[: _SHOWN - 3] + "..."
+
+
+def nearest(word: str, known: Iterable[str]) -> str | None:
+    """The known name that ``word`` most likely means, or None."""
+    by_lower = {name.lower(): name for name in known}
+    close = get_close_matches(word.lower(), by_lower, n=1, cutoff=0.6)
+    return by_lower[close[0]] if close else None
+
+
+def trouble(path: Path) -> str | None:
+    """What keeps ``path`` from being read as a file (``found ..., wanted ...``), or None."""
+    try:
+        with path.open("rb"):
+            return None
+    except FileNotFoundError:
+        return "found no such file, wanted a readable file"
+    except IsADirectoryError:
+        return "found a folder, wanted a file"
+    except PermissionError:
+        return "found a file that may not be read, wanted one with read permission"
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        return f"found a file that cannot be opened ({reason}), wanted a readable file"
+
+
+def read_bytes(path: Path) -> bytes:
+    """Content of a file. Raises InputError where it is missing, a folder, unreadable or empty."""
+    if (found := trouble(path)) is not None:
+        raise InputError(f"{path}: {found}")
+    data = path.read_bytes()
+    if not data.strip():
+        raise InputError(f"{path}: found an empty file, wanted one with content")
+    return data
+
+
+def read_text(path: Path) -> str:
+    """Text of a UTF-8 file, a byte-order mark taken off, line ends as they are.
+
+    Raises InputError as ``read_bytes`` does, and for UTF-16, NUL and bytes that are not UTF-8.
+    """
+    data = read_bytes(path)
+    if (encoding := _wide_encoding(data)) is not None:
+        raise InputError(f"{path}: found {encoding} text, wanted UTF-8")
+    if (at := data.find(0)) >= 0:
+        raise InputError(f"{path}, line {_line(data, at)}: found a NUL byte, wanted UTF-8 text")
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        where, byte = _line(data, error.start), data[error.start]
+        raise InputError(f"{path}, line {where}: found the byte 0x{byte:02X}, wanted UTF-8 text") from None
+
+
+def fingerprint(path: Path) -> str:
+    """``sha256:`` and the digest of a file's bytes."""
+    with path.open("rb") as file:
+        return "sha256:" + hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _line(data: bytes, at: int) -> int:
+    return data.count(b"\n", 0, at) + 1
+
+
+def _wide_encoding(data: bytes) -> str | None:
+    """UTF-16 or UTF-32 by their marks, or UTF-16 without one: Latin text has a NUL in every second byte."""
+    for mark, name in _MARKS:
+        if data.startswith(mark):
+            return name
+    head = data[:400]
+    half = max(len(head) // 2, 1)
+    if len(head) >= 4 and any(head[start::2].count(0) > 0.6 * half for start in (0, 1)):
+        return "UTF-16"
+    return None

@@ -1,0 +1,50 @@
+"""TOML documents from disk, checked against a model; everything wrong with one is told in one line."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import ValidationError
+
+from ...physics.errors import InputError
+from .files import read_text
+from .sections import Section, complaints
+
+_SectionT = TypeVar("_SectionT", bound=Section)
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """The document as a dictionary. Raises InputError with the line where it is not TOML."""
+    text = read_text(path)
+    try:
+        return tomllib.loads(text)
+    except (ValueError, RecursionError) as error:
+        reason = " ".join(str(error).split())
+        where = re.search(r" \(at line (\d+), column (\d+)\)$", reason)
+        if where is None:
+            raise InputError(
+                f"{path}: found what is not TOML ({reason}), wanted key = value lines and [sections]"
+            ) from None
+        line, column = where.groups()
+        reason = reason[: where.start()]
+        raise InputError(
+            f"{path}, line {line}, column {column}: found what is not TOML ({reason}), wanted valid TOML"
+        ) from None
+
+
+def check(document: Mapping[str, Any], model: type[_SectionT], path: Path) -> _SectionT:
+    """The document as a ``model``. Raises InputError that lists everything wrong, each with its key."""
+    try:
+        return model.model_validate(dict(document))
+    except ValidationError as error:
+        raise refuse(path, complaints(error)) from None
+
+
+def refuse(path: Path, problems: list[str]) -> InputError:
+    """One error of one line for any number of problems."""
+    count = f"{len(problems)} problems: " if len(problems) > 1 else ""
+    return InputError(f"{path}: {count}{'; '.join(problems)}")

@@ -1,0 +1,184 @@
+"""Vendors' metadata as a tree of named values, with a sentence for whatever is missing or is not what it should be.
+
+XML is parsed by expat directly so that a DOCTYPE can be refused at its first byte: entities declared there could
+expand without end.  Names are matched without regard to case: the vendors' text and XML forms differ in nothing else.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import isfinite
+from pathlib import Path
+from xml.etree.ElementTree import Element, TreeBuilder
+from xml.parsers import expat
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...physics.errors import EpochError, InputError
+from ...physics.timescales import parse
+from .files import read_bytes, show
+
+Array = NDArray[np.float64]
+Epochs = NDArray[np.int64]
+
+MAX_BYTES = 200_000_000
+"""Metadata of an image are a few megabytes; a hundred times that is a mistake."""
+
+
+@dataclass(frozen=True)
+class Node:
+    """An element of the file ``path``; ``place`` is where it stands, as it is told to the user."""
+
+    path: Path
+    element: Element
+    place: str = ""
+
+    def error(self, found: str, wanted: str) -> InputError:
+        """The sentence about this element."""
+        where = f"{self.path}, {self.place}" if self.place else str(self.path)
+        return InputError(f"{where}: found {found}, wanted {wanted}")
+
+    @property
+    def name(self) -> str:
+        return self.element.tag
+
+    @property
+    def text(self) -> str:
+        return (self.element.text or "").strip()
+
+    def all(self, key: str) -> list[Node]:
+        """Children of that name; ``NAME_1``, ``NAME_2``... count as ``NAME``, as the vendors number groups."""
+        wanted = re.compile(rf"{re.escape(key)}(_\d+)?", re.IGNORECASE)
+        children = [child for child in self.element if wanted.fullmatch(child.tag)]
+        many = len(children) > 1
+        prefix = f"{self.place}/" if self.place else ""
+        return [
+            Node(self.path, child, f"{prefix}{child.tag}" + (f"[{i}]" if many else ""))
+            for i, child in enumerate(children, 1)
+        ]
+
+    def find(self, keys: str) -> Node | None:
+        """The first element at ``A/B/C`` below this one, or None."""
+        node: Node | None = self
+        for key in keys.split("/"):
+            node = next(iter(node.all(key)), None) if node else None
+        return node
+
+    def need(self, keys: str) -> Node:
+        """As :meth:`find`. Raises InputError where it is missing."""
+        node = self
+        for key in keys.split("/"):
+            below = next(iter(node.all(key)), None)
+            if below is None:
+                raise node.error(f"no {key}", f"the key {keys}")
+            node = below
+        return node
+
+    def one(self, keys: str) -> Node:
+        """As :meth:`need`, where a second one would leave open which is meant."""
+        parent, _, key = keys.rpartition("/")
+        above = self.need(parent) if parent else self
+        found = above.all(key)
+        if len(found) > 1:
+            raise above.error(f"{len(found)} times {key}", "one")
+        return found[0] if found else above.need(key)
+
+    def unit(self, factors: Mapping[str, float]) -> float | None:
+        """Factor to SI of the attribute ``unit``, None where it has none. Raises InputError for another unit."""
+        stated = self.element.get("unit")
+        if stated is None:
+            return None
+        if stated not in factors:
+            raise self.error(f"the unit {show(stated)}", f"one of {', '.join(factors)}")
+        return factors[stated]
+
+    def numbers(self, count: int | None = None) -> Array:
+        """Finite numbers separated by blanks or commas, ``count`` of them or, for None, at least one."""
+        words = self.text.replace(",", " ").split()
+        values = [_number(word) for word in words]
+        good = [value for value in values if value is not None]
+        if not words or len(good) != len(words) or count not in (None, len(words)):
+            wanted = {None: "numbers", 1: "a number"}.get(count, f"{count} numbers")
+            raise self.error(show(self.text), wanted)
+        return np.array(good)
+
+    def number(self) -> float:
+        return float(self.numbers(1)[0])
+
+    def positive(self) -> float:
+        value = self.number()
+        if value <= 0.0:
+            raise self.error(show(self.text), "a positive number")
+        return value
+
+    def whole(self, least: int = 0) -> int:
+        """A whole number, not below ``least``."""
+        value = self.number()
+        if value != int(value) or value < least:
+            raise self.error(show(self.text), f"a whole number, at least {least}")
+        return int(value)
+
+    def epoch(self, scale: str = "UTC") -> int:
+        """``t_ns`` of the time written here."""
+        try:
+            return int(parse([self.text], scale)[0])
+        except EpochError as error:
+            raise self.error(show(self.text), f"a time ({error})") from None
+
+
+def _number(word: str) -> float | None:
+    try:
+        value = float(word) if word.isascii() and "_" not in word else float("nan")
+    except ValueError:
+        return None
+    return value if isfinite(value) else None
+
+
+def require_increasing(nodes: list[Node], t_ns: Epochs) -> None:
+    """Raise InputError about the first of the samples (n,) that is not later than the one before."""
+    late = np.diff(t_ns) <= 0
+    if late.any():
+        raise nodes[int(np.argmax(late)) + 1].error(
+            "a time not later than the one before", "times that increase"
+        )
+
+
+def read_xml(path: Path) -> Node:
+    """The root element of an XML file.
+
+    Raises InputError for a file that is missing, too large, not well formed or has a DOCTYPE.
+    """
+    data = read_bytes(path)
+    if len(data) > MAX_BYTES:
+        raise InputError(
+            f"{path}: found {len(data)} bytes, wanted the metadata of an image, at most {MAX_BYTES}"
+        )
+    builder = TreeBuilder()
+    parser = expat.ParserCreate()
+    parser.buffer_text = True
+    parser.StartElementHandler = builder.start
+    parser.EndElementHandler = builder.end
+    parser.CharacterDataHandler = builder.data
+
+    def doctype(*_: object) -> None:
+        raise InputError(
+            f"{path}, line {parser.CurrentLineNumber}: found a DOCTYPE, wanted none (it is refused for safety)"
+        )
+
+    parser.StartDoctypeDeclHandler = doctype
+    try:
+        parser.Parse(data, True)
+    except expat.ExpatError as error:
+        reason = expat.errors.messages.get(error.code, "malformed")
+        raise InputError(
+            f"{path}, line {error.lineno}: found unsound XML ({reason}), wanted well-formed XML"
+        ) from None
+    except (LookupError, ValueError) as error:
+        raise InputError(
+            f"{path}: found XML in an encoding that cannot be read ({error}), wanted UTF-8"
+        ) from None
+    root = builder.close()
+    return Node(path, root)

@@ -1,0 +1,198 @@
+"""Vendors' products: whose a file is, and the campaign folder that is made from it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from ...physics.errors import EpochError, InputError
+from ...physics.timescales import format_iso
+from ...table.campaign import Campaign, Landmarks, Sightings
+from ...table.geometry import locate
+from ..campaign.markers import Grid, read_landmarks, read_observations
+from ..campaign.write import write_campaign
+from ..text.files import show
+from ..text.tree import read_xml
+from .digitalglobe import SUFFIXES, read_digitalglobe
+from .digitalglobe_geo import Optics
+from .dimap import read_dimap
+from .vendor import AttitudeChoice, Product, Sigma
+
+CORNER_LIMIT_M = 50_000.0
+"""A product whose own model misses its own corners by more than this has not been understood: neither a nominal
+mounting nor the unknown height of a corner takes that much."""
+
+
+def read_product(
+    path: Path, attitude: AttitudeChoice = "vendor", optics: Optics | None = None, band: str | None = None
+) -> Product:
+    """A product of any vendor that is read: a DIMAP file, a DigitalGlobe XML file or any of its text files, or the
+    folder that holds one of them.
+
+    Raises InputError for another kind of file, and for a choice that the product does not have.
+    """
+    path = _metadata_file(path)
+    suffix = path.suffix.lower()
+    if suffix not in (".xml", *SUFFIXES):
+        raise InputError(f"{path}: found the ending {show(suffix)}, wanted .XML, {', '.join(SUFFIXES)}")
+    if suffix == ".xml" and read_xml(path).name.lower() != "isd":
+        if optics is not None:
+            raise InputError(f"{path}: found optics stated for a DIMAP product, wanted none: it has its own")
+        return read_dimap(path, attitude, band)
+    if attitude != "vendor":
+        raise InputError(f'{path}: found attitude "{attitude}", wanted "vendor": the product has no other')
+    return read_digitalglobe(path, optics, band)
+
+
+def _metadata_file(path: Path) -> Path:
+    """The one file of a folder that describes its image, or the file itself."""
+    if not path.is_dir():
+        return path
+    files = [file for file in sorted(path.iterdir()) if file.is_file()]
+    for suffix in (".imd", ".xml"):
+        found = [file for file in files if file.suffix.lower() == suffix]
+        if len(found) == 1:
+            return found[0]
+        if found:
+            names = show([file.name for file in found])
+            raise InputError(
+                f"{path}: found {len(found)} files {suffix.upper()}, {names}, wanted the one to import"
+            )
+    raise InputError(f"{path}: found a folder without .IMD and .XML, wanted the metadata of an image")
+
+
+def import_product(
+    path: Path,
+    out: Path,
+    *,
+    attitude: AttitudeChoice = "vendor",
+    sigma_m: Sigma | None = None,
+    sigma_arcsec: Sigma | None = None,
+    optics: Optics | None = None,
+    band: str | None = None,
+    corners: tuple[float, float] | None = None,
+    landmarks: Path | None = None,
+    observations: Path | None = None,
+    image_id: str | None = None,
+) -> list[str]:
+    """Write the campaign folder ``out`` of the product at ``path``; returns notices for the user.
+
+    ``attitude``: the vendor's own or, of DIMAP telemetry, ``filtered`` or ``raw`` quaternions. ``sigma_m`` and
+    ``sigma_arcsec`` are needed where the product states none, and go before those it states. ``optics`` for a
+    DigitalGlobe product without .GEO. Landmarks and their sightings come from the tables ``landmarks`` and
+    ``observations``, or are the product's own ``corners`` with the stated sigmas (m, pixels); else the tables are
+    empty, to be filled in. ``image_id`` is the image's name in ``observations``, by default the product's.
+    Raises InputError for anything unusable and where ``out`` holds a campaign already; nothing is written then.
+    """
+    _require_free(out)
+    product = read_product(path, attitude, optics, band)
+    product = replace(product, name=image_id or product.name)
+    campaign = product.campaign(sigma_m, sigma_arcsec)
+    notices = [*product.notices, *_coverage(product), *_corner_check(product, campaign)]
+    campaign = _with_landmarks(product, campaign, corners, landmarks, observations, notices)
+    write_campaign(out, campaign, comment=f"imported from {product.path.name}, attitude: {attitude}")
+    return notices
+
+
+def _require_free(out: Path) -> None:
+    """Refuse to write over a campaign: its tables may hold a user's work."""
+    for name in ("campaign.toml", "landmarks.csv", "observations.csv"):
+        if (out / name).exists():
+            raise InputError(f"{out / name}: found it there already, wanted a folder without a campaign")
+
+
+def _coverage(product: Product) -> list[str]:
+    """A notice where orbit or attitude do not reach over all rows; InputError where they reach over none."""
+    notices = []
+    for what, t_ns in (("orbit", product.orbit_t_ns), ("attitude", product.attitude_t_ns)):
+        rows = (t_ns[[0, -1]] - product.t_ns) * 1e-9 / product.line_period_s
+        first, last = max(float(rows.min()), 0.0), min(float(rows.max()), product.rows - 1.0)
+        if first > last:
+            span = " to ".join(format_iso(t_ns[[0, -1]], "UTC"))
+            raise InputError(
+                f"{product.path}: found its {what} from {span} UTC, wanted it to cover the image"
+            )
+        if first > 0.0 or last < product.rows - 1.0:
+            covered = f"rows {int(np.ceil(first))} to {int(last)} of 0 to {product.rows - 1}"
+            notices.append(f"{product.path}: its {what} covers the {covered} only")
+    return notices
+
+
+def _corner_check(product: Product, campaign: Campaign) -> list[str]:
+    """How well the product's own model meets the corners it states; InputError where it does not at all."""
+    corners = product.corners
+    if corners is None:
+        return []
+    image = np.zeros(len(corners.names), dtype=np.int64)
+    height = np.nan_to_num(corners.height)
+    try:
+        met = locate(campaign, product.C_EK, image, corners.column_px, corners.row_px, height)
+    except EpochError:
+        return []  # rows that the attitude does not cover have been told
+    worst = float(np.max(np.linalg.norm(met - corners.r_J, axis=-1)))
+    if not worst <= CORNER_LIMIT_M:
+        found = (
+            f"its corners {worst / 1e3:.0f} km"
+            if np.isfinite(worst)
+            else "a look direction that misses the Earth,"
+        )
+        raise InputError(
+            f"{product.path}: found {found} away from where it says, wanted a model that meets them"
+        )
+    if not corners.have_heights:
+        return []
+    return [f"{product.path}: with the model mounting its own corners are met within {worst:.4g} m"]
+
+
+def _with_landmarks(
+    product: Product,
+    campaign: Campaign,
+    corners: tuple[float, float] | None,
+    landmarks: Path | None,
+    observations: Path | None,
+    notices: list[str],
+) -> Campaign:
+    """The campaign with the landmarks the user gives, with the product's corners, or as it is."""
+    if (landmarks is None) != (observations is None):
+        raise InputError(
+            f"{landmarks or observations}: found landmarks or observations alone, wanted both tables"
+        )
+    if landmarks is not None and observations is not None:
+        if corners is not None:
+            raise InputError(
+                f"{landmarks}: found landmarks beside the product's corners, wanted one of the two"
+            )
+        marks = read_landmarks(landmarks, notices)
+        grid = Grid(float(product.columns), float(product.rows), 0.0)
+        seen = read_observations(observations, campaign.images.ids, marks.ids, grid, notices)
+        return replace(campaign, landmarks=marks, sightings=seen)
+    if corners is None:
+        notices.append("landmarks.csv and observations.csv hold no rows yet: fill them in")
+        return campaign
+    return _with_corners(product, campaign, *corners)
+
+
+def _with_corners(product: Product, campaign: Campaign, sigma_m: float, sigma_px: float) -> Campaign:
+    """The product's corners as landmarks; it places them with its own mounting, so this recovers that one."""
+    corners = product.corners
+    if corners is None or not corners.have_heights:
+        raise InputError(f"{product.path}: found no corners with heights, wanted landmarks from you")
+    for name, sigma in (("sigma_m", sigma_m), ("sigma_px", sigma_px)):
+        if not (np.isfinite(sigma) and sigma > 0.0):
+            raise InputError(f"corners: found the {name} {sigma:g}, wanted a positive number")
+    c = len(corners.names)
+    covariance = np.broadcast_to(sigma_m**2 * np.eye(3), (c, 3, 3))
+    return replace(
+        campaign,
+        landmarks=Landmarks(corners.names, corners.r_J, np.array(covariance)),
+        sightings=Sightings(
+            np.zeros(c, dtype=np.int64),
+            np.arange(c),
+            corners.column_px,
+            corners.row_px,
+            np.full(c, float(sigma_px)),
+            np.zeros(c, dtype=np.bool_),
+        ),
+    )

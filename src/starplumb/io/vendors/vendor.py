@@ -1,0 +1,145 @@
+"""A vendor's image product in our axes and units: what the readers of all vendors hand over."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...physics.camera import LineScanCamera
+from ...physics.earth import geodetic_to_itrf
+from ...physics.errors import InputError
+from ...physics.light import Corrections
+from ...physics.orientation import EarthOrientation
+from ...physics.series import Attitude, Ephemeris
+from ...physics.units import ARCSEC
+from ...table.campaign import Campaign, Images, Landmarks, Sightings
+from ..text.files import show
+
+Array = NDArray[np.float64]
+Epochs = NDArray[np.int64]
+AttitudeChoice = Literal["vendor", "filtered", "raw"]
+Sigma = float | Sequence[float]
+"""One number, or three along or about the axes."""
+
+C_KV = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+"""K from the vendors' camera axes V (x along track, y to its right, z to the scene): columns grow towards -y_V, rows
+towards x_V."""
+
+
+@dataclass(frozen=True)
+class Detectors:
+    """Look directions ``(tan_x, tan_y, 1)`` in K of the columns ``column_px``, (d,) each, linear between them."""
+
+    column_px: Array
+    tan_x: Array
+    tan_y: Array
+
+    @classmethod
+    def from_vendor(cls, column_px: Array, x_V: Array, y_V: Array) -> Detectors:
+        """From the tangents x/z and y/z in the vendors' camera axes."""
+        tan = np.stack(np.broadcast_arrays(x_V, y_V), axis=-1) @ C_KV[:2, :2].mT
+        return cls(column_px, tan[:, 0], tan[:, 1])
+
+
+@dataclass(frozen=True)
+class Corners:
+    """Ground points that the product states for pixels: rad, m above the ellipsoid, pixels, (c,) each.
+
+    ``height`` is NaN where the product does not say it.
+    """
+
+    names: tuple[str, ...]
+    latitude: Array
+    longitude: Array
+    height: Array
+    column_px: Array
+    row_px: Array
+
+    @property
+    def have_heights(self) -> bool:
+        return bool(np.all(np.isfinite(self.height)))
+
+    @property
+    def r_J(self) -> Array:
+        """Positions (c, 3), m; on the ellipsoid where the height is not known."""
+        return geodetic_to_itrf(self.latitude, self.longitude, np.nan_to_num(self.height))
+
+
+@dataclass(frozen=True)
+class Product:
+    """One image of one line scanner.
+
+    ``q_EF`` (n, 4) takes ``frame`` to E, the axes in which the attitude is given; ``C_EK`` is the mounting as the
+    product states it, or the turn of the axes alone. Row r is exposed at ``t_ns + r line_period_s``; a scan against
+    the count of the rows has a negative period. Sigmas are those the product states, rad and m.
+    """
+
+    path: Path
+    name: str
+    columns: int
+    rows: int
+    detectors: Detectors
+    t_ns: int
+    line_period_s: float
+    orbit_t_ns: Epochs
+    r_J: Array
+    v_J: Array | None
+    attitude_t_ns: Epochs
+    q_EF: Array
+    frame: Literal["GCRF", "ITRF"]
+    C_EK: Array
+    corrections: Corrections
+    sigma_position: Array | None = None
+    sigma_attitude: Array | None = None
+    corners: Corners | None = None
+    notices: tuple[str, ...] = ()
+
+    def campaign(self, sigma_m: Sigma | None = None, sigma_arcsec: Sigma | None = None) -> Campaign:
+        """The product without landmarks. Sigmas given here, one or three, go before the product's own.
+
+        Raises InputError for a sigma that is no sigma, or that nobody states.
+        """
+        position = self.sigma_position if sigma_m is None else _three("sigma_m", sigma_m)
+        attitude = (
+            self.sigma_attitude if sigma_arcsec is None else ARCSEC * _three("sigma_arcsec", sigma_arcsec)
+        )
+        if position is None or attitude is None:
+            lacking = {"sigma_m": position, "sigma_arcsec": attitude}
+            wanted = " and ".join(name for name, sigma in lacking.items() if sigma is None)
+            raise InputError(
+                f"{self.path}: found no sigma of its positions or attitude, wanted {wanted} from you"
+            )
+        inertial = EarthOrientation.load() if self.frame == "GCRF" else None
+        index, value = np.empty(0, dtype=np.int64), np.empty(0)
+        table = self.detectors
+        return Campaign(
+            name=self.name,
+            camera=LineScanCamera(
+                table.column_px, table.tan_x, table.tan_y, (float(self.columns), float(self.rows))
+            ),
+            C_EK=self.C_EK,
+            sigma_mounting=None,
+            ephemeris=Ephemeris(self.orbit_t_ns, self.r_J, self.v_J),
+            sigma_position=position,
+            position_frame="ITRF",
+            attitude=Attitude(self.attitude_t_ns, self.q_EF, self.frame, inertial),
+            cov_attitude_E=np.diag(attitude**2),
+            landmarks=Landmarks((), np.empty((0, 3)), np.empty((0, 3, 3))),
+            images=Images((self.name,), np.array([self.t_ns]), np.array([self.line_period_s])),
+            sightings=Sightings(index, index, value, value, value, np.empty(0, dtype=np.bool_)),
+            corrections=self.corrections,
+            orientation=inertial,
+        )
+
+
+def _three(name: str, sigma: Sigma) -> Array:
+    """A sigma for each axis."""
+    values = np.atleast_1d(np.asarray(sigma, dtype=np.float64))
+    if values.shape not in ((1,), (3,)) or not np.all(np.isfinite(values) & (values >= 0.0)):
+        raise InputError(f"{name}: found {show(values.tolist())}, wanted one number or three, none negative")
+    return np.array(np.broadcast_to(values, (3,)))

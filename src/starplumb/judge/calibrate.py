@@ -1,0 +1,161 @@
+"""The main job: a campaign in, the corrected mounting out, with everything that is known about how good it is."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..estimators.gls import Gls
+from ..estimators.protocol import AlignmentEstimate, Estimator, Status, Verdict
+from ..estimators.selfcal import SelfCalibration
+from ..physics import so3
+from ..physics.errors import InputError
+from ..table.campaign import Campaign
+from ..table.geometry import observe
+from ..table.observations import Observations
+from .consistency import chi2_p, findings
+from .residuals import Accuracy, Residuals, residuals
+from .separability import UNKNOWN, Combination, combinations, ruins_alignment, unimproved
+from .snooping import Rejection, Snooping, calibration_of, fit_at, rejections, snoop
+
+Array = NDArray[np.float64]
+
+PRIOR = "what was known before"
+"""Name of what a prior contributes to a covariance."""
+UNTESTED = (
+    "sightings, images and landmarks are not tested one by one: they are too many, and too closely woven together, "
+    "for their residuals' covariances to be had"
+)
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """One calibrated campaign.
+
+    ``observations`` holds all sightings as measured; ``residuals.used`` those in the solution; ``snooping`` what each
+    is worth, None where the method does not say; ``combinations`` of parameters that the data hardly separate.
+    ``status`` and ``sentences`` join the estimator's own with what the consistency checks found.  ``correction_E`` (3,)
+    rad is d of ``C_EK = exp(d) C_EK_model``.
+    """
+
+    campaign: Campaign
+    observations: Observations
+    estimate: AlignmentEstimate
+    residuals: Residuals
+    status: Status
+    sentences: tuple[str, ...]
+    rejected: tuple[Rejection, ...] = field(default=())
+    snooping: Snooping | None = None
+    combinations: tuple[Combination, ...] = field(default=())
+
+    @property
+    def message(self) -> str:
+        """What the status means for this estimate, in one line; empty where nothing need be said."""
+        return "; ".join(self.sentences)
+
+    @property
+    def correction_E(self) -> Array:
+        return so3.log(self.estimate.C_EK @ self.campaign.C_EK.mT)
+
+    @property
+    def chi2_p(self) -> float | None:
+        """Probability of a chi-square at least this large; None where the method has none."""
+        if self.estimate.chi2 is None or self.estimate.degrees_of_freedom is None:
+            return None
+        return chi2_p(float(self.estimate.chi2), int(self.estimate.degrees_of_freedom))
+
+    def accuracy(self, after: bool, check: bool = False) -> Accuracy | None:
+        """Geolocation accuracy of the control or check points, before or after; None where it cannot be said."""
+        chosen = self.campaign.sightings.check if check else self.residuals.used
+        errors = self.residuals.after_m if after else self.residuals.before_m
+        return Accuracy.of(errors[chosen])
+
+
+def calibrate(campaign: Campaign, estimator: Estimator) -> Calibration:
+    """Estimate the mounting of a campaign from its control points and judge the answer.
+
+    Raises EpochError where an image lies outside the orbit or attitude, InputError where there is nothing to use.
+    """
+    observations = observe(campaign)
+    used = ~campaign.sightings.check
+    if not np.any(used):
+        raise InputError(
+            f"campaign {campaign.name!r} has no observation with role control; wanted at least two markers"
+        )
+    estimate = estimator(_kept(observations, used), campaign.C_EK)
+    verdict = np.zeros(observations.n, dtype=np.int64)
+    if estimate.verdict is not None:
+        verdict[used] = estimate.verdict
+        used = used & (verdict == int(Verdict.USED))
+    calibration = calibration_of(estimator)
+    fit = fit_at(calibration or SelfCalibration(), observations, campaign.C_EK, estimate, used)
+    usable = Status(int(estimate.status)).usable
+    snooping = snoop(fit, estimate) if calibration and usable else None
+    status, sentences = _judge(_kept(observations, used), campaign.C_EK, estimate, calibration)
+    traded = tuple(combinations(observations, estimate))
+    status, sentences = _separated(status, sentences, traded)
+    told = [] if estimate.parameters is None else unimproved(estimate.parameters)
+    if calibration and usable and snooping is None:
+        told = [*told, UNTESTED]
+    sentences = (*sentences, *told, *estimate.remarks)
+    return Calibration(
+        campaign=campaign,
+        observations=observations,
+        estimate=estimate,
+        residuals=residuals(fit, used),
+        status=status,
+        sentences=sentences,
+        rejected=() if snooping is None else rejections(fit, snooping, verdict),
+        snooping=snooping,
+        combinations=traded,
+    )
+
+
+def _kept(o: Observations, used: NDArray[np.bool_]) -> Observations:
+    """The sightings used: the table itself, and no copy of it, where these are all."""
+    return o if np.all(used) else o.select(used)
+
+
+def _separated(
+    status: Status, sentences: tuple[str, ...], traded: tuple[Combination, ...]
+) -> tuple[Status, tuple[str, ...]]:
+    """Status and sentences once it is known which parameters trade against each other."""
+    if ruins_alignment(list(traded)):
+        status = Status(max(status, Status.SINGULAR))
+    elif any(combination.growth >= UNKNOWN for combination in traded):
+        status = Status(max(status, Status.WEAK))
+    return status, (*(combination.sentence for combination in traded), *sentences)
+
+
+def _judge(
+    kept: Observations, C_EK_model: Array, estimate: AlignmentEstimate, calibration: SelfCalibration | None
+) -> tuple[Status, tuple[str, ...]]:
+    """Status and sentences of an estimate once the consistency checks have spoken."""
+    own = Status(int(estimate.status))
+    if not own.usable:
+        return own, (own.text,)
+    found = findings(kept, C_EK_model, estimate, calibration or Gls())
+    weak = own is Status.WEAK or any(finding.weakens for finding in found)
+    return Status.WEAK if weak else Status.OK, tuple(finding.sentence for finding in found)
+
+
+def shares(calibration: Calibration) -> Mapping[str, Array]:
+    """Covariance (3, 3) rad^2 about E by source; empty where the method does not say what a sighting does to it."""
+    c = calibration
+    if c.snooping is None or c.estimate.covariance_E is None:
+        return {}
+    parts = c.snooping.spread.parts
+    if _has_prior(c):
+        values, axes = np.linalg.eigh(c.estimate.covariance_E - np.sum(list(parts.values()), axis=0))
+        parts[PRIOR] = (axes * np.maximum(values, 0.0)) @ axes.mT
+    return parts
+
+
+def _has_prior(c: Calibration) -> bool:
+    """Whether something of the mounting or of the other parameters was known before."""
+    parameters = c.estimate.parameters
+    told = parameters is not None and bool(np.any(np.isfinite(parameters.prior_sigma)))
+    return c.campaign.sigma_mounting is not None or told

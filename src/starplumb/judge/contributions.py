@@ -1,0 +1,84 @@
+"""Error budget of one calibration: what each stated error source contributes to the covariance of its alignment.
+
+An estimate answers a small shift dz_n of sighting n by ``K_n dz_n`` (:mod:`starplumb.solve.reliability`).  The errors
+of one image, of one landmark or of one pixel shift their sightings together, so that each source has::
+
+    attitude  sum_i (sum_n K_n H_n) S_i (...)^T,   position and markers likewise with R,   pixels  sum_n K_n K_n^T s_n^2
+
+and what is left of the covariance is the part of what was known before.  The parts add up to the covariance.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..solve.portions import Portion
+from ..solve.whitening import accumulate
+from ..table.observations import Observations
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Spread:
+    """What the errors of a table's sightings, drawn as stated, do to its alignment; added up portion by portion.
+
+    ``attitude``, ``position`` (m, 3, 3) and ``landmark`` (L, 3, 3) sum the slopes of a member's sightings, the latter
+    only where landmarks are seen more than once; ``noise`` and ``own`` (3, 3) are the covariances by pixel noise, and
+    by all that is a sighting's own.
+    """
+
+    table: Observations
+    attitude: Array
+    position: Array
+    landmark: Array
+    noise: Array
+    own: Array
+
+    @classmethod
+    def of(cls, o: Observations) -> Spread:
+        """Of a table, with nothing added yet."""
+        m, once = o.n_images, int(np.bincount(o.landmark, minlength=1).max()) < 2
+        image, position, landmark, noise, own = (
+            np.zeros((size, 3, 3)) for size in (m, m, 0 if once else o.n_landmarks, 1, 1)
+        )
+        return cls(o, image, position, landmark, noise[0], own[0])
+
+    def add(self, portion: Portion, gain: Array) -> None:
+        """Sightings that move the alignment by ``gain`` (n, 3, 2) rad per pixel."""
+        model, used = portion.model, portion.tested.used[:, None, None]
+        K, whitened = np.where(used, gain, 0.0), np.where(used, portion.tested.influence[:, :3], 0.0)
+        by_place, image = K @ model.R, self.table.image[portion.rows]
+        accumulate(self.attitude, K @ model.H, image)
+        accumulate(self.position, by_place, image)
+        if self.landmark.size:
+            accumulate(self.landmark, by_place, self.table.landmark[portion.rows])
+        self.noise[...] += _square(K * portion.table.sigma_px[:, None, None])
+        self.own[...] += _square(whitened)
+
+    @property
+    def parts(self) -> dict[str, Array]:
+        """Covariance (3, 3) rad^2 about E by source."""
+        o, survey = self.table, self.own - self.noise
+        if self.landmark.size:
+            survey = _through(self.landmark, o.cov_landmark_J)
+        return {
+            "star tracker": _through(self.attitude, o.cov_attitude_E),
+            "satellite position": _through(self.position, o.cov_position_J),
+            "marker survey": survey,
+            "image measurement": self.noise,
+        }
+
+
+def _square(rows: Array) -> Array:
+    """Sum of K K^T, K (n, 3, 2)."""
+    flat = np.swapaxes(rows, 0, 1).reshape(3, -1)
+    return np.asarray(flat @ flat.mT)
+
+
+def _through(slopes: Array, covariance: Array) -> Array:
+    """Sum of G S G^T over members, G the sum of the slopes of its sightings."""
+    return np.asarray(np.sum(slopes @ covariance @ slopes.mT, axis=0))

@@ -1,0 +1,126 @@
+"""A lens on component rows (:mod:`starplumb.physics.components`): distortion, its inverse, and what each of its
+numbers does.
+
+``x_d = x (1 + k1 r^2 + k2 r^4 + k3 r^6) + 2 p1 x y + p2 (r^2 + 2 x^2)``,
+``y_d = y (1 + k1 r^2 + k2 r^4 + k3 r^6) + p1 (r^2 + 2 y^2) + 2 p2 x y`` (Brown-Conrady, as in OpenCV).
+Source: D. C. Brown, Decentering distortion of lenses, Photogrammetric Engineering 32 (1966).
+
+A work buffer ``W`` begins with distorted tangents (rows 0, 1), ideal tangents (2, 3), the last step of their search
+(4, 5) and ``d ideal / d distorted`` row by row (6 .. 9).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from .components import Array, Row, extreme, lanes, larger
+
+Lens = tuple[Row, Row, Row, Row, Row]
+"""k1, k2, k3, p1, p2."""
+Eight = tuple[Row, Row, Row, Row, Row, Row, Row, Row]
+LensNumbers = tuple[Row, Row, Row, Row, Row, Lens, Lens]
+"""A camera at other values of its optics: distorted tangents of a pixel, ``ratio xy_d + (x, y)``, as ratio, x, y; focal
+length; pitch / focal length; its lens; and the stated lens."""
+
+LENS_ROWS = 10
+SETTLED = 1e-7
+"""Step of Newton's method, rad, after which the next one, of the order of its square, would be below rounding."""
+
+
+def distort(x: Row, y: Row, lens: Lens) -> tuple[Row, Row, Row, Row, Row]:
+    """Distorted tangents, and the entries xx, xy, yy of their Jacobian, which is symmetric."""
+    k1, k2, k3, p1, p2 = lens
+    xx, yy, xy2 = x * x, y * y, 2.0 * x * y
+    r2 = xx + yy
+    radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    slope = k1 + r2 * (2.0 * k2 + r2 * (3.0 * k3))  # d radial / d r2
+    return (
+        x * radial + p1 * xy2 + p2 * (r2 + 2.0 * xx),
+        y * radial + p1 * (r2 + 2.0 * yy) + p2 * xy2,
+        radial + 2.0 * xx * slope + 2.0 * p1 * y + 6.0 * p2 * x,
+        xy2 * slope + 2.0 * (p1 * x + p2 * y),
+        radial + 2.0 * yy * slope + 6.0 * p1 * y + 2.0 * p2 * x,
+    )
+
+
+def start_search(W: Array, at: Any) -> None:
+    """The search for the ideal tangents begins at the distorted ones."""
+    W[2, at] = W[0, at]
+    W[3, at] = W[1, at]
+
+
+def search_step(W: Array, at: Any, lens: Lens) -> None:
+    """One step of Newton's method for the ideal tangents."""
+    u, v, a, b, c = distort(W[2, at], W[3, at], lens)
+    du, dv = W[0, at] - u, W[1, at] - v
+    scale = 1.0 / (a * c - b * b)
+    W[4, at] = scale * (c * du - b * dv)
+    W[5, at] = scale * (a * dv - b * du)
+    W[2, at] += W[4, at]
+    W[3, at] += W[5, at]
+
+
+def bend(W: Array, at: Any, lens: Lens) -> None:
+    """d ideal / d distorted at the tangents found."""
+    _, _, a, b, c = distort(W[2, at], W[3, at], lens)
+    scale = 1.0 / (a * c - b * b)
+    W[6, at], W[7, at] = scale * c, -scale * b
+    W[8, at], W[9, at] = -scale * b, scale * a
+
+
+def straighten(W: Array, lens: Lens) -> None:
+    """Rows 2 .. 9 from rows 0 and 1 (exact where the lens does not fold)."""
+    for at in lanes():
+        start_search(W, at)
+    for _ in range(20):
+        for at in lanes():
+            search_step(W, at, lens)
+        worst = 0.0
+        for at in lanes():
+            worst = larger(worst, larger(extreme(W[4, at]), extreme(W[5, at])))
+        if worst < SETTLED:
+            break
+    for at in lanes():
+        bend(W, at, lens)
+
+
+def seen_again(W: Array, at: Any, numbers: LensNumbers) -> None:
+    """Distorted tangents, by the optics at other values, of the pixel that the stated ones see at the tangents."""
+    ratio, x, y, _, _, _, stated = numbers
+    u, v, _, _, _ = distort(W[2, at], W[3, at], stated)
+    W[0, at], W[1, at] = ratio * u + x, ratio * v + y
+
+
+def magnify(W: Array, at: Any, scale: Row) -> None:
+    """Slope by the pixel from the slope by the distorted tangents."""
+    W[6, at], W[7, at] = scale * W[6, at], scale * W[7, at]
+    W[8, at], W[9, at] = scale * W[8, at], scale * W[9, at]
+
+
+def rephotograph(W: Array, numbers: LensNumbers) -> None:
+    """Rows 2, 3 from tangents by the stated optics to those at other values, and the slope per pixel in rows 6 .. 9."""
+    for at in lanes():
+        seen_again(W, at, numbers)
+    straighten(W, numbers[5])
+    for at in lanes():
+        magnify(W, at, numbers[4])
+
+
+def effects(x: Row, y: Row, distorted: tuple[Row, Row], focal_length: Row, scale: Row) -> tuple[Eight, Eight]:
+    """Change of the two distorted tangents at fixed ideal ones by each number of the optics, less that of the measured
+    ones: ``dD/dp - d xy_d/dp``.
+
+    In the order focal length, principal column and row, k1, k2, k3, p1, p2; ``scale`` is pitch / focal length.
+    """
+    xy2, r2 = 2.0 * x * y, x * x + y * y
+    r4 = r2 * r2
+    r6 = r4 * r2
+    by_length = 1.0 / focal_length
+    return (
+        (distorted[0] * by_length, scale, 0.0, x * r2, x * r4, x * r6, xy2, r2 + 2.0 * x * x),
+        (distorted[1] * by_length, 0.0, scale, y * r2, y * r4, y * r6, r2 + 2.0 * y * y, xy2),
+    )
+
+
+LENS = (distort, start_search, search_step, bend, straighten, seen_again, magnify, rephotograph, effects)
+"""In an order in which each uses only those before it."""

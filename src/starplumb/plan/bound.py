@@ -1,0 +1,88 @@
+"""The scenario to first order, with dense matrices: gain and covariance of generalised least squares, and the bound.
+
+Nothing here is shared with :mod:`starplumb.solve.adjustment`: residuals are ``z = H theta + sum_s E_s xi_s`` with the
+effects E_s of the sources, their covariance ``V = sum_s E_s E_s^T`` is formed and factorised whole, and::
+
+    gain = -(H^T V^-1 H + prior^-1)^-1 H^T V^-1,     covariance (H^T V^-1 H + prior^-1)^-1
+
+With the true sources the covariance is the Cramer-Rao bound of Gaussian errors, and for any other distribution that of
+the best linear estimate.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .error_sources import Effect, Source
+from .scenario import Scenario
+
+Array = NDArray[np.float64]
+
+MOST_SIGHTINGS = 4000
+"""Largest scene whose dense covariance (0.5 GB) is formed."""
+
+
+@dataclass(frozen=True)
+class Linear:
+    """The least-squares estimate that is told of ``sources``."""
+
+    scenario: Scenario
+    sources: tuple[Source, ...]
+
+    @cached_property
+    def _solution(self) -> tuple[Array, Array]:
+        H = self.scenario.model.H.reshape(-1, 3)
+        V = residual_covariance(effects(self.scenario, self.sources))
+        # V^-1 H through the factor: y = L^-1 H, V^-1 H = L^-T y
+        L = np.linalg.cholesky(V)
+        y = np.linalg.solve(L, H)
+        information = y.mT @ y
+        if self.scenario.prior_E is not None:
+            information = information + np.linalg.inv(self.scenario.prior_E)
+        covariance = np.linalg.inv(information)
+        return covariance, -covariance @ np.linalg.solve(L.mT, y).mT
+
+    @property
+    def covariance_E(self) -> Array:
+        """(3, 3) rad^2 about E, as it follows from the sources told."""
+        return self._solution[0]
+
+    @property
+    def gain(self) -> Array:
+        """(3, 2 n) rad per px: the error of the estimate is ``gain`` times the residuals at the truth."""
+        return self._solution[1]
+
+
+def effects(scenario: Scenario, sources: Sequence[Source]) -> list[Effect]:
+    """What each source does to the residuals at the truth."""
+    return [Effect.of(source, scenario.truth, scenario.model) for source in sources]
+
+
+def residual_covariance(parts: Sequence[Effect]) -> Array:
+    """V (2 n, 2 n) px^2 of independent sources."""
+    V = parts[0].covariance()
+    for part in parts[1:]:
+        V += part.covariance()
+    return V
+
+
+def fits(scenario: Scenario) -> bool:
+    """Whether the scene is small enough for dense matrices."""
+    return scenario.truth.n <= MOST_SIGHTINGS
+
+
+def bound_E(scenario: Scenario) -> Array | None:
+    """Cramer-Rao bound (3, 3) rad^2 of the alignment about E under the true errors, blunders left aside.
+
+    None where the scene is too large for it.
+    """
+    if not fits(scenario):
+        return None
+    return Linear(
+        scenario, tuple(source for source in scenario.sources if not source.is_blunder)
+    ).covariance_E

@@ -1,0 +1,243 @@
+"""Error sources of a scene by what causes them: star trackers, orbit, survey, clocks, camera and its measurements."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..physics.covariance import square_root
+from ..physics.earth import C_JT, itrf_to_geodetic
+from ..physics.light import inertial_velocity
+from ..physics.orbit import C_RO, argument_of_latitude
+from ..physics.trackers import Fusion, fusion_weights
+from ..table.campaign import Campaign
+from ..table.observations import Observations
+from .error_sources import (
+    UNIT_ARCSEC,
+    UNIT_METRE,
+    UNIT_MILLISECOND,
+    UNIT_PIXEL,
+    UNIT_PPM,
+    Distribution,
+    Source,
+)
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+XYZ = ("x", "y", "z")
+_GAUSSIAN = Distribution()
+
+
+@dataclass(frozen=True)
+class Flight:
+    """What error sources need to know of a true scene: its table, its campaign, and the pass of each image (m,)."""
+
+    truth: Observations
+    campaign: Campaign
+    pass_of_image: Index
+
+    @property
+    def m(self) -> int:
+        return self.truth.n_images
+
+    @property
+    def state_I(self) -> tuple[Array, Array]:
+        """Inertial r_I, v_I (m, 3) of the images."""
+        t_ns = self.campaign.images.t_ns
+        r_J, v_J = self.campaign.ephemeris.at(t_ns)
+        if self.campaign.orientation is None:
+            raise ValueError("a simulated campaign knows the orientation of the Earth")
+        C_IJ = self.campaign.orientation.C_IJ(t_ns)
+        r_I, v_I = ((C_IJ @ v[..., None])[..., 0] for v in (r_J, inertial_velocity(r_J, v_J)))
+        return r_I, v_I
+
+    def groups(self, shared_by: str) -> Index:
+        """Which draw each image takes, (m,)."""
+        match shared_by:
+            case "image":
+                return np.arange(self.m)
+            case "pass":
+                return np.unique(self.pass_of_image, return_inverse=True)[1]
+            case "campaign":
+                return np.zeros(self.m, dtype=np.int64)
+        raise ValueError(f"unknown sharing {shared_by!r}")
+
+    def axes_J(self, frame: str) -> Array:
+        """Axes of a frame of the orbit's error in J (m, 3, 3): ITRF, GCRF, or orbital (along, across, down)."""
+        if frame == "ITRF":
+            return np.broadcast_to(np.eye(3), (self.m, 3, 3))
+        if self.campaign.orientation is None:
+            raise ValueError("a simulated campaign knows the orientation of the Earth")
+        C_JI = self.campaign.orientation.C_IJ(self.campaign.images.t_ns).mT
+        return C_JI if frame == "GCRF" else np.asarray(C_JI @ C_RO(*self.state_I))
+
+
+@dataclass(frozen=True)
+class Tracker:
+    """One star tracker: ``C_EA`` (3, 3) its axes A in E, ``sigma`` (3,) rad its noise about them, z the boresight."""
+
+    name: str
+    C_EA: Array
+    sigma: Array
+
+
+def fused_axes(trackers: tuple[Tracker, ...], fusion: Fusion) -> list[Array]:
+    """What each tracker's error, along its own axes, does to the fused attitude: W_j C_EA_j (3, 3) each.
+
+    Raises InputError where a tracker that is weighted against others claims to be exact.
+    """
+    if len(trackers) <= 1:
+        return [tracker.C_EA for tracker in trackers]
+    covariance_E = np.stack([t.C_EA @ np.diag(t.sigma**2) @ t.C_EA.mT for t in trackers])
+    weights = fusion_weights(covariance_E, np.ones(len(trackers), dtype=bool), fusion)
+    return [W @ t.C_EA for W, t in zip(weights, trackers, strict=True)]
+
+
+def attitude(
+    flight: Flight, name: str, sigma: Array, axes: Array, shared_by: str, shape: Distribution = _GAUSSIAN
+) -> Source:
+    """Attitude error with ``sigma`` (3,) rad along axes whose effect on E is ``axes`` (3, 3)."""
+    words = f"attitude, shared by the markers of an image{'' if shared_by == 'image' else f', by the {shared_by}'}"
+    pattern = np.broadcast_to(axes, (flight.m, 3, 3))
+    return Source(
+        name,
+        words,
+        "alpha_E",
+        pattern,
+        flight.groups(shared_by),
+        np.arange(3),
+        sigma,
+        XYZ,
+        UNIT_ARCSEC,
+        shape,
+    )
+
+
+def drift(
+    flight: Flight,
+    name: str,
+    sigma: Array,
+    axes: Array,
+    harmonics: tuple[int, ...],
+    shape: Distribution = _GAUSSIAN,
+) -> Source:
+    """Thermal drift ``sum_k a_k cos(k u) + b_k sin(k u)`` over the argument of latitude; a_k, b_k of ``sigma`` rad."""
+    u = argument_of_latitude(*flight.state_I)
+    waves = [wave(k * u)[:, None, None] * axes for k in harmonics for wave in (np.cos, np.sin)]
+    pattern = np.concatenate(waves, axis=-1)
+    component = np.tile(np.arange(3), 2 * len(harmonics))
+    words = f"drift with the argument of latitude, harmonics {', '.join(map(str, harmonics))}"
+    return Source(
+        name, words, "alpha_E", pattern, flight.groups("campaign"), component, sigma, XYZ, UNIT_ARCSEC, shape
+    )
+
+
+def position(
+    flight: Flight, name: str, sigma: Array, frame: str, shared_by: str, shape: Distribution = _GAUSSIAN
+) -> Source:
+    """Orbit error with ``sigma`` (3,) m along the axes of a frame."""
+    words = f"position along {frame} axes, shared by the markers of an image"
+    words += "" if shared_by == "image" else f", by the {shared_by}"
+    labels = ("along", "across", "down") if frame == "orbital" else XYZ
+    return Source(
+        name,
+        words,
+        "rho_J",
+        flight.axes_J(frame),
+        flight.groups(shared_by),
+        np.arange(3),
+        sigma,
+        labels,
+        UNIT_METRE,
+        shape,
+    )
+
+
+def correlated_position(
+    flight: Flight, name: str, sigma: Array, frame: str, time_s: float, shape: Distribution = _GAUSSIAN
+) -> Source:
+    """Orbit error that forgets itself like a Gauss-Markov process: correlation ``exp(-|dt| / time)`` between images."""
+    t = 1e-9 * (flight.campaign.images.t_ns - flight.campaign.images.t_ns[0])
+    root = square_root(np.exp(-np.abs(t[:, None] - t) / time_s))
+    pattern = (flight.axes_J(frame)[:, :, None, :] * root[:, None, :, None]).reshape(
+        flight.m, 3, 3 * flight.m
+    )
+    labels = ("along", "across", "down") if frame == "orbital" else XYZ
+    return Source(
+        name,
+        f"position along {frame} axes, correlated over {time_s:g} s",
+        "rho_J",
+        pattern,
+        flight.groups("campaign"),
+        np.tile(np.arange(3), flight.m),
+        sigma,
+        labels,
+        UNIT_METRE,
+        shape,
+    )
+
+
+def landmark(
+    flight: Flight, name: str, sigma: Array, shared_by: str, shape: Distribution = _GAUSSIAN
+) -> Source:
+    """Survey error with ``sigma`` (3,) m east, north and up, of each marker or of the whole network."""
+    latitude, longitude, _ = itrf_to_geodetic(flight.campaign.landmarks.r_J)
+    L = flight.truth.n_landmarks
+    group = np.arange(L) if shared_by == "marker" else np.zeros(L, dtype=np.int64)
+    words = f"place of a marker, shared by {'its images' if shared_by == 'marker' else 'the campaign'}"
+    labels = ("east", "north", "up")
+    pattern = C_JT(latitude, longitude)
+    return Source(name, words, "pi_J", pattern, group, np.arange(3), sigma, labels, UNIT_METRE, shape)
+
+
+def pixel(flight: Flight, name: str, sigma: float, shape: Distribution = _GAUSSIAN) -> Source:
+    """Measuring error of each coordinate of each sighting, px."""
+    n = flight.truth.n
+    pattern = np.broadcast_to(np.eye(2), (n, 2, 2))
+    words = "measured pixel, shared by nobody"
+    one = np.zeros(2, dtype=np.int64)
+    return Source(
+        name, words, "pixel", pattern, np.arange(n), one, np.array([sigma]), ("",), UNIT_PIXEL, shape
+    )
+
+
+def rounding(flight: Flight, name: str, step: float) -> Source:
+    """Coordinates rounded to a step: uniform, since pointing puts a marker anywhere within its pixel."""
+    return pixel(flight, name, step / np.sqrt(12.0), Distribution("uniform"))
+
+
+def time_tag(
+    flight: Flight, name: str, sigma: float, shared_by: str, shape: Distribution = _GAUSSIAN
+) -> Source:
+    """Epochs of the images against those of orbit and attitude, s."""
+    words = f"time tag of the images, shared by the {shared_by}"
+    pattern, zero = np.ones((flight.m, 1, 1)), np.zeros(1, dtype=np.int64)
+    group = flight.groups(shared_by)
+    return Source(
+        name, words, "late_s", pattern, group, zero, np.array([sigma]), ("",), UNIT_MILLISECOND, shape
+    )
+
+
+def focal_length(flight: Flight, name: str, sigma: float, shape: Distribution = _GAUSSIAN) -> Source:
+    """Relative error of the focal length: every look direction leaves the boresight by the same part of its tangent."""
+    words = "focal length, shared by the campaign"
+    zero, group = np.zeros(1, dtype=np.int64), np.zeros(flight.truth.n, dtype=np.int64)
+    pattern = -flight.truth.xy_K[..., None]
+    return Source(name, words, "tangent", pattern, group, zero, np.array([sigma]), ("",), UNIT_PPM, shape)
+
+
+def principal_point(
+    flight: Flight, name: str, sigma: float, scale: float, shape: Distribution = _GAUSSIAN
+) -> Source:
+    """Error of the principal point, px, where a pixel is ``scale`` rad wide."""
+    words = "principal point, shared by the campaign"
+    n = flight.truth.n
+    group, component = np.zeros(n, dtype=np.int64), np.array([0, 1])
+    pattern = np.broadcast_to(-scale * np.eye(2), (n, 2, 2))
+    labels = ("column", "row")
+    return Source(
+        name, words, "tangent", pattern, group, component, np.array([sigma, sigma]), labels, UNIT_PIXEL, shape
+    )

@@ -1,0 +1,238 @@
+"""Error sources: what varies, who shares one draw of it, how it is distributed, what it does to a pixel.
+
+Every source is one formula.  Element j of an error field (an image's attitude, a landmark's place, a sighting's
+pixel...) is off by ``pattern_j diag(sigma) xi_g(j)``, where xi_g is drawn once for each group g of elements with mean 0
+and variance 1.  White noise has a group for every element; an error of a pass, or of the campaign, one for all of its
+images; a drift with the orbit or a correlated error one group and a pattern that varies from image to image.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..physics.units import ARCSEC
+from ..table.equation import Linearised
+from ..table.observations import Observations
+from ..table.simulate import Errors
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+Field = Literal["alpha_E", "rho_J", "pi_J", "pixel", "late_s", "tangent"]
+Shape = Literal["gaussian", "uniform", "student", "blunder"]
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A unit at the edge: its name in keys and tables, and what one of it is in SI."""
+
+    name: str
+    size: float
+
+
+UNIT_ARCSEC = Unit("arcsec", ARCSEC)
+UNIT_METRE = Unit("m", 1.0)
+UNIT_PIXEL = Unit("px", 1.0)
+UNIT_MILLISECOND = Unit("ms", 1e-3)
+UNIT_PPM = Unit("ppm", 1e-6)
+
+
+@dataclass(frozen=True)
+class Distribution:
+    """Shape of a draw of mean 0 and variance 1.
+
+    ``student`` has ``degrees_of_freedom`` above 2, scaled to variance 1.  A ``blunder`` happens to a group with
+    probability ``rate`` and is then Gaussian with variance 1, else it is 0.
+    """
+
+    shape: Shape = "gaussian"
+    degrees_of_freedom: float = 5.0
+    rate: float = 0.0
+
+    def draw(self, rng: np.random.Generator, size: tuple[int, ...]) -> Array:
+        """Independent draws of this size (..., groups, q)."""
+        if self.shape == "uniform":
+            return np.asarray(np.sqrt(3.0) * (2.0 * rng.random(size) - 1.0))
+        if self.shape == "student":
+            nu = self.degrees_of_freedom
+            return np.asarray(np.sqrt((nu - 2.0) / nu) * rng.standard_t(nu, size))
+        gaussian = rng.standard_normal(size)
+        if self.shape == "blunder":
+            return np.where(rng.random((*size[:-1], 1)) < self.rate, gaussian, 0.0)
+        return gaussian
+
+
+@dataclass(frozen=True)
+class Source:
+    """One source of error.
+
+    ``pattern`` (J, d, q) over the J elements of ``field``, of d coordinates each; ``group`` (J,) the draw that an
+    element takes; ``component`` (q,) which of the ``sigma`` (c,) (SI) scales each coordinate of a draw; ``labels`` (c,)
+    name them.
+    """
+
+    name: str
+    words: str
+    field: Field
+    pattern: Array
+    group: Index
+    component: Index
+    sigma: Array
+    labels: tuple[str, ...]
+    unit: Unit
+    distribution: Distribution = Distribution()
+
+    @property
+    def gain(self) -> Array:
+        """What a draw does to each element, (J, d, q) in the field's unit."""
+        return np.asarray(self.pattern * self.sigma[self.component])
+
+    @property
+    def groups(self) -> int:
+        return int(self.group.max()) + 1
+
+    @property
+    def is_white(self) -> bool:
+        """Whether every element has a draw of its own."""
+        return np.array_equal(self.group, np.arange(self.group.size))
+
+    @property
+    def is_blunder(self) -> bool:
+        return self.distribution.shape == "blunder"
+
+    def scaled(self, factor: float) -> Source:
+        """The same with all its sigmas multiplied."""
+        return replace(self, sigma=factor * self.sigma)
+
+    def draw(self, rng: np.random.Generator, batch: tuple[int, ...]) -> Array:
+        """Errors of the field, (..., J, d)."""
+        return self.error(self.distribution.draw(rng, (*batch, self.groups, self.component.size)))
+
+    def error(self, xi: Array) -> Array:
+        """Errors (..., J, d) that draws (..., groups, q) amount to."""
+        gain = self.gain
+        taken = xi if self.is_white else xi[..., self.group, :]
+        total = np.zeros((*xi.shape[:-2], *gain.shape[:2]))
+        for i, k in np.argwhere(np.any(gain, axis=0)):
+            total[..., i] += gain[:, i, k] * taken[..., k]
+        return total
+
+
+def combine(truth: Observations, fields: Sequence[tuple[Field, Array]]) -> Errors:
+    """Errors of a scene from the errors (..., J, d) of its sources, field by field."""
+    sums: dict[str, Array] = {}
+    for field, error in fields:
+        sums[field] = sums[field] + error if field in sums else error
+    m, L, n = truth.n_images, truth.n_landmarks, truth.n
+    late = sums.get("late_s")
+    return Errors(
+        alpha_E=sums.get("alpha_E", np.zeros((m, 3))),
+        rho_J=sums.get("rho_J", np.zeros((m, 3))),
+        pi_J=sums.get("pi_J", np.zeros((L, 3))),
+        pixel=sums.get("pixel", np.zeros((n, 2))),
+        late_s=None if late is None else late[..., 0],
+        tangent=sums.get("tangent"),
+    )
+
+
+def draw(
+    truth: Observations, sources: Sequence[Source], rng: np.random.Generator, batch: tuple[int, ...]
+) -> Errors:
+    """Errors of all sources, drawn one source after another."""
+    return combine(truth, [(source.field, source.draw(rng, batch)) for source in sources])
+
+
+def element(o: Observations, field: Field) -> Index:
+    """Element of a field that acts on each sighting, (n,)."""
+    if field in ("alpha_E", "rho_J", "late_s"):
+        return o.image
+    return o.landmark if field == "pi_J" else np.arange(o.n)
+
+
+def _slope(o: Observations, model: Linearised, field: Field) -> Array:
+    """d z / d field of each sighting (n, 2, d), by the first order of the measurement equation."""
+    match field:
+        case "alpha_E":
+            return -model.H
+        case "rho_J":
+            return model.R
+        case "pi_J":
+            return -model.R
+        case "pixel":
+            return np.broadcast_to(-np.eye(2), (o.n, 2, 2))
+        case "late_s":
+            return model.R @ o.v_J[..., None] - model.H @ o.omega_E[..., None]
+        case "tangent":
+            return np.asarray(-np.linalg.inv(model.B))
+
+
+@dataclass(frozen=True)
+class Effect:
+    """What a source does to the residuals: draw ``group`` (n,) times ``block`` (n, 2, q), px per unit draw."""
+
+    source: Source
+    group: Index
+    block: Array
+
+    @classmethod
+    def of(cls, source: Source, o: Observations, model: Linearised) -> Effect:
+        j = element(o, source.field)
+        return cls(source, source.group[j], _slope(o, model, source.field) @ source.gain[j])
+
+    def covariance(self) -> Array:
+        """Covariance of all residuals by this source, (2 n, 2 n) px^2."""
+        flat = self.block.reshape(-1, self.block.shape[-1])
+        same = np.repeat(self.group, 2)
+        return np.asarray((flat @ flat.mT) * (same[:, None] == same[None, :]))
+
+    def columns(self) -> Array:
+        """Residuals by a unit draw of each group and coordinate, (n, 2, groups q)."""
+        n, _, q = self.block.shape
+        spread = np.zeros((n, 2, self.source.groups, q))
+        spread[np.arange(n), :, self.group] = self.block
+        return spread.reshape(n, 2, -1)
+
+    def through(self, gain: Array) -> Array:
+        """Response (3, groups, q) of an estimate ``gain (3, 2 n) z`` to a unit draw of each group and coordinate."""
+        n, _, q = self.block.shape
+        response = np.zeros((self.source.groups, 3, q))
+        np.add.at(response, self.group, np.moveaxis(gain.reshape(3, n, 2), 1, 0) @ self.block)
+        return np.moveaxis(response, 0, 1)
+
+
+def state(truth: Observations, sources: Sequence[Source], model: Linearised) -> Observations:
+    """The table with these sources as its stated errors.
+
+    What an image's markers share, what a landmark's images share and what nobody shares have their own places in the
+    table; an error with any other pattern goes into ``common_px``.  Raises ValueError where no source is pixel noise.
+    """
+    m, L, n = truth.n_images, truth.n_landmarks, truth.n
+    sums = {"alpha_E": np.zeros((m, 3, 3)), "rho_J": np.zeros((m, 3, 3)), "pi_J": np.zeros((L, 3, 3))}
+    pixel, common = np.zeros(n), []
+    for source in sources:
+        own = source.gain @ source.gain.mT
+        if source.is_white and source.field in sums:
+            sums[source.field] = sums[source.field] + own
+        elif (
+            source.is_white
+            and source.field == "pixel"
+            and np.allclose(own, own[:, :1, :1] * np.eye(2), rtol=1e-12)
+        ):
+            pixel = pixel + own[:, 0, 0]
+        else:
+            common.append(Effect.of(source, truth, model).columns())
+    if not np.all(pixel > 0.0):
+        raise ValueError("no stated source is pixel noise")
+    return replace(
+        truth,
+        cov_attitude_E=sums["alpha_E"],
+        cov_position_J=sums["rho_J"],
+        cov_landmark_J=sums["pi_J"],
+        sigma_px=np.sqrt(pixel),
+        common_px=np.concatenate(common, axis=-1) if common else None,
+    )

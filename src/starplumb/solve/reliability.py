@@ -1,0 +1,259 @@
+"""What the adjustment says of each of its own observations: residual cofactors, and the test of every one of them.
+
+Everything with a stated sigma is an observation and is tested alike: a sighting (2 numbers), the attitude and position
+of an image (6, whose stated covariance says that their errors are zero on average) and the place of a landmark (3)::
+
+    T = v^T Q_vv^-1 v,      chi-square with as many degrees of freedom as v has that the others control
+
+is the fall of the whole chi-square when that one observation is left out (mean-shift test; for one number T = w^2 with
+Baarda's w).  A sighting that has no part in the solution is tested by its prediction, ``T = z^T (I + B Q B^T)^-1 z``:
+the same number as if it had been in and were left out.  Redundancies sum to the degrees of freedom.
+
+Source: W. Baarda, A testing procedure for use in geodetic networks, Netherlands Geodetic Commission 2 (5), 1968.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..table.equation import Linearised
+from ..table.observations import Observations
+from .adjustment import Normal, invert_information, normal_equations
+from .whitening import Design, whiten
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+CONTROLLED = 0.05
+"""Share of an error of an image or landmark that must show for its direction to be tested at all."""
+UNTESTABLE = 1e-6
+"""Redundancy below which a sighting is not controlled by the others: its residual is zero whatever its error."""
+NOISE = 13.8
+"""Chi-square with 2 degrees of freedom that noise exceeds once in a thousand."""
+CHUNK = 1 << 20
+"""Doubles that a chunk of reduced design rows may hold."""
+
+
+@dataclass(frozen=True)
+class Reliability:
+    """Residuals of one adjustment (no batch axes) with their cofactors, in units of the stated sigmas.
+
+    =================== ============ ===============================================================================
+    used                (n,)         whether the sighting has a part in the solution
+    v                   (n, 2)       residual, of an unused sighting the misfit of its prediction; whitened
+    hat                 (n, 2, 2)    ``B Q B^T``, covariance of the adjusted observation, whitened
+    per_px              (n, 2, 2)    whitened shift of a residual by a pixel of column and row
+    effect              (n, k, 2)    change of the common parameters by a whitened shift of the sighting
+    image_error         (m, 6)       attitude and position error of each image in units of their prior
+    image_cofactor      (m, 6, 6)    covariance of these estimates' errors
+    landmark_error      (q, 3)       likewise the place error of the landmarks seen more than once
+    landmark_cofactor   (q, 3, 3)
+    repeated            (q,)         which landmarks those are
+    =================== ============ ===============================================================================
+    """
+
+    used: Mask
+    v: Array
+    hat: Array
+    per_px: Array
+    effect: Array
+    image_error: Array
+    image_cofactor: Array
+    landmark_error: Array
+    landmark_cofactor: Array
+    repeated: Index
+
+    @cached_property
+    def control(self) -> Array:
+        """What an error of the sighting leaves in its residual (n, 2, 2), as if it were in the solution: I - hat.
+
+        Of one that is not, ``I - hat_in = (I + hat_out)^-1``.
+        """
+        h = self.hat
+        a, c, b = 1.0 + h[:, 0, 0], 1.0 + h[:, 1, 1], h[:, 0, 1]
+        scale = np.where(self.used, 1.0, 1.0 / (a * c - b * b))
+        R = np.empty_like(h)
+        R[:, 0, 0] = np.where(self.used, 2.0 - a, c) * scale
+        R[:, 1, 1] = np.where(self.used, 2.0 - c, a) * scale
+        R[:, 0, 1] = R[:, 1, 0] = -b * scale
+        return R
+
+    @cached_property
+    def residual(self) -> Array:
+        """Whitened residual (n, 2) as if the sighting were in the solution."""
+        R, v = self.control, self.v
+        inside = np.stack([np.sum(R[:, i] * v, axis=-1) for i in range(2)], axis=-1)
+        return np.asarray(np.where(self.used[:, None], v, inside))
+
+    @cached_property
+    def influence(self) -> Array:
+        """Change (n, k, 2) of the common parameters by a whitened error of a sighting in the solution."""
+        if np.all(self.used):
+            return self.effect
+        return np.where(self.used[:, None, None], self.effect, self.effect @ self.control)
+
+    @property
+    def redundancy(self) -> Array:
+        """Share (n,) of the sighting's two numbers that the others control, 0 .. 1."""
+        return np.asarray(0.5 * (self.control[:, 0, 0] + self.control[:, 1, 1]))
+
+    @cached_property
+    def sightings(self) -> tuple[Array, Index]:
+        """T (n,) of each sighting and its degrees of freedom (n,)."""
+        return _mean_shift_of_two(self.residual, self.control, UNTESTABLE)
+
+    @cached_property
+    def images(self) -> tuple[Array, Index]:
+        """T (m,) of each image's attitude and position taken together, and its degrees of freedom (m,)."""
+        return _mean_shift(self.image_error, np.eye(6) - self.image_cofactor, CONTROLLED)
+
+    @cached_property
+    def landmarks(self) -> tuple[Array, Index]:
+        """T (q,) of the place of each landmark seen more than once, and its degrees of freedom (q,)."""
+        return _mean_shift(self.landmark_error, np.eye(3) - self.landmark_cofactor, CONTROLLED)
+
+
+def _mean_shift(v: Array, Q: Array, floor: float) -> tuple[Array, Index]:
+    """v^T Q^+ v over the directions whose eigenvalue exceeds ``floor``, and how many they are; v (..., d)."""
+    values, vectors = np.linalg.eigh(Q)
+    tested = values > floor
+    along = (vectors.mT @ v[..., None])[..., 0]
+    T = np.sum(np.where(tested, along**2 / np.where(tested, values, 1.0), 0.0), axis=-1)
+    return np.asarray(T), np.sum(tested, axis=-1)
+
+
+def _mean_shift_of_two(v: Array, Q: Array, floor: float) -> tuple[Array, Index]:
+    """The same for two numbers each, written out: v (n, 2), Q (n, 2, 2)."""
+    a, b, c = Q[:, 0, 0], Q[:, 0, 1], Q[:, 1, 1]
+    middle, reach = 0.5 * (a + c), np.hypot(0.5 * (a - c), b)
+    dof = (middle + reach > floor).astype(np.int64) + (middle - reach > floor)
+    x, y = v[:, 0], v[:, 1]
+    determinant = np.where(dof == 2, a * c - b * b, 1.0)
+    T = (c * x * x - 2.0 * b * x * y + a * y * y) / determinant
+    one = np.flatnonzero(dof == 1)
+    if one.size:  # along the eigenvector of the larger eigenvalue l: v^T (Q - l_2) v / (l - l_2) / l
+        x, y, low, high = x[one], y[one], (middle - reach)[one], (middle + reach)[one]
+        share = a[one] * x * x + 2.0 * b[one] * x * y + c[one] * y * y - low * (x * x + y * y)
+        T[one] = share / ((high - low) * high)
+    T[dof == 0] = 0.0
+    return np.maximum(T, 0.0), dof
+
+
+def reliability(
+    observations: Observations, model: Linearised, A: Array, prior: tuple[Array, Array] | None = None
+) -> Reliability | None:
+    """Residuals and cofactors of the solution with design A (n, 2, k) and a prior (information, step) on x.
+
+    Sightings of weight zero are tested but have no part in the solution.  None where the common parameters are not
+    determined.
+    """
+    o = observations
+    d = whiten(o, model, A)
+    n, k = normal_equations(o, d), A.shape[-1]
+    information, right = n.YY.copy(), n.Yz[:, 0].copy()
+    if prior is not None:
+        information[:k, :k] += prior[0]
+        right[:k] -= prior[0] @ prior[1]
+    Q = invert_information(information)
+    if not np.all(np.isfinite(Q)):
+        return None
+    y = -Q @ right
+    rows = whiten(replace(o, weight=np.ones(o.n)), model, A)
+    a = -(n.inverse @ (n.Gz + n.GY @ y[:, None]))[..., 0]
+    v, hat, effect = _sightings(o, rows, n, Q, (a, y))
+    pull = n.inverse @ n.GY
+    q = d.repeated.size
+    blocks = Q[k:, k:].reshape(q, 3, q, 3)[np.arange(q), :, np.arange(q), :]
+    return Reliability(
+        used=o.weight > 0.0,
+        v=v,
+        hat=hat,
+        per_px=rows.W,
+        effect=effect,
+        image_error=a,
+        image_cofactor=n.inverse + pull @ Q @ pull.mT,
+        landmark_error=y[k:].reshape(q, 3),
+        landmark_cofactor=blocks,
+        repeated=d.repeated,
+    )
+
+
+def _sightings(
+    o: Observations, d: Design, n: Normal, Q: Array, solution: tuple[Array, Array]
+) -> tuple[Array, Array, Array]:
+    """v, hat and effect of all sightings, in chunks: a reduced row is as wide as x and the repeated landmarks."""
+    (a, y), k, w = solution, d.P.shape[-1] - 7, Q.shape[0]
+    v, hat, effect = np.empty((o.n, 2)), np.empty((o.n, 2, 2)), np.empty((o.n, k, 2))
+    pull = n.inverse @ n.GY
+    size = max(1, CHUNK // (2 * w))
+    for start in range(0, o.n, size):
+        part = slice(start, min(start + size, o.n))
+        image, place = o.image[part], d.place[part]
+        G = d.P[part, :, :6]
+        Y = np.zeros((image.size, 2, w))
+        Y[:, :, :k] = d.P[part, :, 6:-1]
+        seen = np.flatnonzero(place >= 0)
+        columns = k + 3 * place[seen, None] + np.arange(3)
+        Y[seen[:, None, None], np.arange(2)[:, None], columns[:, None, :]] = d.D[part][seen]
+        v[part] = d.P[part, :, -1] + (G @ a[image][..., None])[..., 0] + Y @ y
+        reduced = Y - G @ pull[image]
+        spread = Q @ reduced.mT
+        hat[part] = reduced @ spread + G @ n.inverse[image] @ G.mT
+        effect[part] = -spread[:, :k, :]
+    return v, hat, effect
+
+
+class Statistics(Protocol):
+    """T and its degrees of freedom, of sightings, of images and of landmarks seen more than once."""
+
+    @property
+    def sightings(self) -> tuple[Array, Index]: ...
+
+    @property
+    def images(self) -> tuple[Array, Index]: ...
+
+    @property
+    def landmarks(self) -> tuple[Array, Index]: ...
+
+
+def excess(
+    tested: Statistics, seen: Mask, alpha: float, alpha_group: float
+) -> tuple[Array, tuple[Array, Array]]:
+    """Statistics over their critical values: of sightings (n,), and of images (m,) and repeated landmarks (q,).
+
+    The critical values grow with :func:`variance_factor`, as Pope's tau has it.
+    """
+    from scipy.special import chdtri
+
+    factor = variance_factor(tested.sightings[0][seen])
+
+    def over(statistic: tuple[Array, Index], level: float) -> Array:
+        T, dof = statistic
+        return np.asarray(np.where(dof > 0, T / (factor * chdtri(np.maximum(dof, 1), level)), 0.0))
+
+    groups = over(tested.images, alpha_group), over(tested.landmarks, alpha_group)
+    return over(tested.sightings, alpha), groups
+
+
+def variance_factor(T: Array) -> float:
+    """How many times larger than stated the noise of sightings is by the median of their T, 1 unless it surely is.
+
+    The median of chi-square with 2 degrees of freedom is ``2 ln 2``, that of n values is good to ``2 / sqrt(n)``; those
+    that noise would hardly reach are left out, so that a majority of blunders is not taken for it.  Sigmas stated too
+    small must not turn good sightings into blunders; the estimate's own chi-square tells of them.
+    """
+    factor = 1.0
+    for _ in range(20):
+        noise = T[NOISE * factor > T]
+        if noise.size == 0:
+            return 1.0
+        before, factor = factor, max(1.0, float(np.median(noise)) / (2.0 * np.log(2.0)))
+        if abs(factor - before) < 1e-3 * before:
+            break
+    return factor if factor > 1.0 + 3.0 / (np.log(2.0) * np.sqrt(noise.size)) else 1.0

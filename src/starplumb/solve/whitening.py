@@ -1,0 +1,144 @@
+"""Observations and unknowns in units of their stated errors: the design that least squares works with."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..physics.components import Row, Triple, larger, root
+from ..physics.covariance import square_root
+from ..table.equation import Linearised
+from ..table.observations import Observations
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+Rows = slice | Index
+
+
+def inverse_root(a: Row, b: Row, c: Row, smallest: Row) -> Triple:
+    """L^-1 (00, 10, 11) of ``L L^T = [[a, b], [b, c]]``, no eigenvalue of which is below ``smallest``."""
+    x = 1.0 / root(a)
+    l10 = b * x
+    # rounding may take the difference below what it can be
+    y = 1.0 / root(larger(c - l10 * l10, smallest))
+    return x, -l10 * x * y, y
+
+
+def _whitened(W: Array, X: Array) -> Array:
+    """W X in place of X (..., 2, s), W (..., 2, 2) lower triangular."""
+    X[..., 1, :] *= W[..., 1, 1, None]
+    X[..., 1, :] += W[..., 1, 0, None] * X[..., 0, :]
+    X[..., 0, :] *= W[..., 0, 0, None]
+    return X
+
+
+@dataclass(frozen=True)
+class Design:
+    """Whitened observations ``v = z + A x + G a + D b`` in the unknowns' own units (unit prior on a and b).
+
+    ``P`` (..., n, 2, 6 + k + 1) holds ``[G, A, z]``; ``D`` (..., n, 2, 3) is zero for a landmark seen once.
+    ``repeated`` (q,) are the landmarks seen more than once, ``place`` (n,) that of each sighting's (-1: not there).
+    ``W`` (..., n, 2, 2) is what whitened them: units of sigma per pixel of column and row.  ``S_attitude``,
+    ``S_position`` (..., m, 3, 3) and ``S_landmark`` (..., q, 3, 3) turn a, a and b back into their own units.
+    """
+
+    P: Array
+    D: Array
+    W: Array
+    S_attitude: Array
+    S_position: Array
+    S_landmark: Array
+    repeated: Index
+    place: Index
+
+
+@dataclass(frozen=True)
+class Roots:
+    """Square roots of the stated covariances of a table and who shares them: see :class:`Design`."""
+
+    S_attitude: Array
+    S_position: Array
+    S_landmark: Array
+    repeated: Index
+    place: Index
+
+    @classmethod
+    def of(cls, o: Observations) -> Roots:
+        times_seen = np.bincount(o.landmark, minlength=o.n_landmarks)
+        repeated = np.flatnonzero(times_seen > 1)
+        place = np.full(o.n_landmarks, -1)
+        place[repeated] = np.arange(repeated.size)
+        return cls(
+            square_root(o.cov_attitude_E),
+            square_root(o.cov_position_J),
+            square_root(o.cov_landmark_J[..., repeated, :, :]),
+            repeated,
+            place[o.landmark],
+        )
+
+    def rows(self, o: Observations, model: Linearised, A: Array, rows: Rows = slice(None)) -> Design:
+        """The design of some rows of the table they were taken from; rows of weight zero vanish."""
+        place, image, noise = self.place[rows], o.image[rows], o.sigma_px[..., rows] ** 2
+        R, again = model.R[..., rows, :, :], np.flatnonzero(place >= 0)
+        a, b, c = noise, np.zeros_like(noise), noise
+        if again.size < place.size:
+            once = place < 0
+            spread = R @ o.cov_landmark_J[..., o.landmark[rows], :, :]
+            across, down = R[..., 0, :], R[..., 1, :]
+            a = a + once * np.sum(spread[..., 0, :] * across, axis=-1)
+            b = once * np.sum(spread[..., 1, :] * across, axis=-1)
+            c = c + once * np.sum(spread[..., 1, :] * down, axis=-1)
+        strength = np.sqrt(o.weight[..., rows])
+        entries = [strength * entry for entry in inverse_root(a, b, c, noise)]
+        W = np.zeros((*np.broadcast_shapes(*(entry.shape for entry in entries)), 2, 2))
+        W[..., 0, 0], W[..., 1, 0], W[..., 1, 1] = entries
+        blocks = [
+            model.H[..., rows, :, :] @ self.S_attitude[..., image, :, :],
+            -R @ self.S_position[..., image, :, :],
+            A[..., rows, :, :],
+            model.z_px[..., rows, :, None],
+        ]
+        batch = np.broadcast_shapes(W.shape[:-3], *(block.shape[:-3] for block in blocks))
+        P = np.empty((*batch, place.size, 2, A.shape[-1] + 7))
+        for at, block in zip((0, 3, 6, P.shape[-1] - 1), blocks, strict=True):
+            P[..., at : at + block.shape[-1]] = block
+        D = np.zeros((*batch, place.size, 2, 3))
+        if again.size:
+            D[..., again, :, :] = R[..., again, :, :] @ self.S_landmark[..., place[again], :, :]
+            D = _whitened(W, D)
+        roots = (self.S_attitude, self.S_position, self.S_landmark)
+        return Design(_whitened(W, P), D, W, *roots, self.repeated, place)
+
+
+def whiten(o: Observations, model: Linearised, A: Array) -> Design:
+    """The design in units of the stated errors."""
+    return Roots.of(o).rows(o, model, A)
+
+
+def sums(values: Array, index: Index, count: int) -> Array:
+    """Sums (..., count, a, b) of the values (..., n, a, b) with the same index (n,)."""
+    total = np.zeros((*values.shape[:-3], count, *values.shape[-2:]))
+    if index.size:
+        order = np.argsort(index, kind="stable")
+        present, starts = np.unique(index[order], return_index=True)
+        total[..., present, :, :] = np.add.reduceat(values[..., order, :, :], starts, axis=-3)
+    return total
+
+
+def accumulate(total: Array, values: Array, index: Index) -> None:
+    """Add values (n, a, b) to total (N, a, b) at index (n,), which may name a place more than once."""
+    present, place = np.unique(index, return_inverse=True)
+    total[present] += sums(values, place, present.size)
+
+
+def groups(image: Index, count: int) -> Iterator[tuple[Index, Index]]:
+    """Images (g,) with equally many sightings, and those sightings (g, M)."""
+    order = np.argsort(image, kind="stable")
+    counts = np.bincount(image, minlength=count)
+    starts = np.concatenate([[0], np.cumsum(counts)[:-1]])
+    for size in np.unique(counts[counts > 0]):
+        group = np.flatnonzero(counts == size)
+        yield group, order[starts[group, None] + np.arange(size)]

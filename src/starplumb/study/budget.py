@@ -1,0 +1,179 @@
+"""Error budget without sampling: which source contributes what, what that depends on, and what a target asks of each.
+
+An estimator that is linear in the errors answers a unit draw of a source s with the response ``R_s = gain E_s``; the
+covariance that it really has is ``sum_s R_s R_s^T`` over the true sources, whatever it states.  With sigma_j one sigma
+of one source and c_j the rms response to a unit of it::
+
+    sigma_theta^2 = sum_j (c_j sigma_j)^2,     d sigma_theta / d sigma_j = c_j^2 sigma_j / sigma_theta
+
+and c_j itself is the sensitivity where the source stands alone, as (28) of Lebedev and Tkachenko (2012) lists them.
+For ``gls`` told the truth the derivative holds although its gain depends on the sigmas: an optimal gain adds nothing to
+first order.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..estimators.gls import Gls, adjust
+from ..estimators.protocol import Estimator
+from ..physics import so3
+from ..plan.bound import Linear, effects, fits
+from ..plan.error_sources import Source, combine
+from ..plan.scenario import Scenario
+from ..table.simulate import measure
+from .monte_carlo import SIGHTINGS_AT_ONCE
+
+Array = NDArray[np.float64]
+
+STEP = 1.0
+"""Draw, in sigmas, by which the response of an estimator is found: second-order terms are 1e-4 of it."""
+SMALLEST_FACTOR = 1e-4
+"""A source that must shrink by more than this must vanish."""
+PRECISION = 1e-4
+"""Relative precision of the factor by which it must shrink."""
+
+
+@dataclass(frozen=True)
+class Share:
+    """One sigma of one source in the budget of one estimator.
+
+    ``covariance_E`` (3, 3) rad^2 its part; ``response_E`` (3,) rad per SI unit: error about E's axes by a unit of
+    sigma, alone; ``derivative_E`` (3,) the same as a derivative, beside all the others.
+    """
+
+    source: Source
+    component: int
+    covariance_E: Array
+    response_E: Array
+    derivative_E: Array
+
+    @property
+    def label(self) -> str:
+        own = self.source.labels[self.component]
+        return f"{self.source.name} {own}".strip()
+
+    @property
+    def sigma(self) -> float:
+        return float(self.source.sigma[self.component])
+
+
+@dataclass(frozen=True)
+class Budget:
+    """Budget of one estimator: ``true_E`` (3, 3) rad^2 the covariance it has, ``stated_E`` what it states or None."""
+
+    true_E: Array
+    stated_E: Array | None
+    shares: tuple[Share, ...]
+
+    @property
+    def sigma_E(self) -> Array:
+        return np.asarray(np.sqrt(np.diagonal(self.true_E)))
+
+
+def budget(scenario: Scenario, estimator: Estimator) -> Budget:
+    """The budget of an estimator at the truth; blunders are left out, they are not noise.
+
+    ``gls`` is taken from its dense gain, any other estimator from its response to a unit draw of each source.
+    """
+    sources = [source for source in scenario.sources if not source.is_blunder]
+    if isinstance(estimator, Gls) and fits(scenario):
+        gain = Linear(scenario, scenario.stated_sources).gain
+        responses = [effect.through(gain) for effect in effects(scenario, sources)]
+    else:
+        responses = [response(scenario, estimator, source) for source in sources]
+    stated = estimator(scenario.stated, scenario.C_EK_true).covariance_E
+    parts = [
+        (source, component, R[..., source.component == component])
+        for source, R in zip(sources, responses, strict=True)
+        for component in range(source.sigma.size)
+    ]
+    covariances = [np.einsum("agq,bgq->ab", R, R) for _, _, R in parts]
+    total = np.sum(covariances, axis=0)
+    shares = (_share(s, k, part, total) for (s, k, _), part in zip(parts, covariances, strict=True))
+    return Budget(total, stated, tuple(shares))
+
+
+def _share(source: Source, component: int, part: Array, total: Array) -> Share:
+    sigma = source.sigma[component]
+    spread, whole = np.sqrt(np.diagonal(part)), np.sqrt(np.diagonal(total))
+    alone = spread / sigma if sigma > 0.0 else np.zeros(3)
+    beside = np.divide(alone**2 * sigma, whole, out=np.zeros(3), where=whole > 0.0)
+    return Share(source, component, part, alone, beside)
+
+
+def response(scenario: Scenario, estimator: Estimator, source: Source) -> Array:
+    """Response R (3, groups, q) rad of an estimator to a unit draw of each group and coordinate of a source."""
+    groups, q = source.groups, source.component.size
+    zero = _theta(scenario, estimator, source, np.zeros((1, groups, q)))
+    batch = max(1, SIGHTINGS_AT_ONCE // scenario.truth.n)
+    answers = []
+    for start in range(0, groups * q, batch):
+        rows = np.arange(start, min(start + batch, groups * q))
+        xi = np.zeros((rows.size, groups * q))
+        xi[np.arange(rows.size), rows] = STEP
+        answers.append(_theta(scenario, estimator, source, xi.reshape(-1, groups, q)))
+    return np.asarray(((np.concatenate(answers) - zero) / STEP).mT.reshape(3, groups, q))
+
+
+def _theta(scenario: Scenario, estimator: Estimator, source: Source, xi: Array) -> Array:
+    """Errors (b, 3) of the estimates by draws (b, groups, q) of one source, started at the truth."""
+    errors = combine(scenario.truth, [(source.field, source.error(xi))])
+    estimate = estimator(measure(scenario.stated, scenario.C_EK_true, errors), scenario.C_EK_true)
+    return so3.log(estimate.C_EK @ scenario.C_EK_true.mT)
+
+
+@dataclass(frozen=True)
+class Requirement:
+    """What one source, all others as they are, must shrink to for a target about each axis.
+
+    ``factor`` (3,): 1 where the target is met as it is, NaN where it is not met even without the source; ``without_E``
+    (3,) rad the sigmas without it.
+    """
+
+    source: Source
+    factor: Array
+    without_E: Array
+
+
+def requirements(scenario: Scenario, target: float) -> tuple[Requirement, ...]:
+    """What each source must shrink to so that the best estimate's sigma about each axis is ``target`` rad or less.
+
+    The estimate is that of generalised least squares told the true sigmas, its weights following them.
+    """
+    sources = tuple(source for source in scenario.sources if not source.is_blunder)
+    return tuple(_requirement(scenario, sources, i, target) for i in range(len(sources)))
+
+
+def _requirement(scenario: Scenario, sources: tuple[Source, ...], i: int, target: float) -> Requirement:
+    def sigma(factor: float) -> Array:
+        told = scenario.told((*sources[:i], sources[i].scaled(factor), *sources[i + 1 :]))
+        covariance = adjust(told, scenario.C_EK_true, scenario.C_EK_true).covariance
+        return np.asarray(np.sqrt(np.diagonal(covariance)))
+
+    now, least = sigma(1.0), sigma(SMALLEST_FACTOR)
+    factor = np.where(now <= target, 1.0, np.nan)
+    for axis in np.flatnonzero((now > target) & (least <= target)):
+        low, high = SMALLEST_FACTOR, 1.0
+        while high / low > 1.0 + PRECISION:
+            middle = float(np.sqrt(low * high))
+            low, high = (middle, high) if sigma(middle)[axis] <= target else (low, middle)
+        factor[axis] = low
+    return Requirement(sources[i], factor, least)
+
+
+@dataclass(frozen=True)
+class Direction:
+    """A rotation by a unit vector ``axis_E`` (3,), known to ``sigma`` rad."""
+
+    axis_E: Array
+    sigma: float
+
+
+def directions(covariance_E: Array) -> tuple[Direction, ...]:
+    """Principal axes of a covariance, the best known first."""
+    values, vectors = np.linalg.eigh(covariance_E)
+    return tuple(Direction(vectors[:, i], float(np.sqrt(max(values[i], 0.0)))) for i in range(3))

@@ -1,0 +1,188 @@
+"""Who runs the chunks: this process, others on this machine, or a Dask cluster.  The answer is the same."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from itertools import islice
+from multiprocessing import parent_process
+from threading import Thread
+from typing import TYPE_CHECKING, Any, Protocol
+
+from ..physics.errors import InputError
+from .monte_carlo import Arrays, Study
+from .store import Store
+
+if TYPE_CHECKING:
+    from concurrent.futures import Future
+
+AHEAD = 2
+"""Chunks given out per worker beyond the one it works on: enough to keep it busy, few enough to stop quickly."""
+LOST_POOLS = 5
+"""Times that workers may die without finishing a single chunk before it is called an error."""
+
+
+class Scheduler(Protocol):
+    """Runs chunks in any order and yields each as it is done."""
+
+    def results(self, study: Study, chunks: Sequence[int]) -> Iterator[tuple[int, Arrays]]: ...
+
+
+@dataclass(frozen=True)
+class Serial:
+    """One after another in this process."""
+
+    def results(self, study: Study, chunks: Sequence[int]) -> Iterator[tuple[int, Arrays]]:
+        for c in chunks:
+            yield c, study.run(c)
+
+
+_study: Study | None = None
+"""The study of a worker process, set once when it starts."""
+
+
+def _start_worker(study: Study) -> None:
+    global _study
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent stops its workers
+    Thread(target=_end_with_parent, daemon=True).start()
+    _study = study
+
+
+def _end_with_parent() -> None:
+    """A parent that is killed cannot stop its workers; they would wait for it for ever."""
+    parent = parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
+
+
+def _run_in_worker(c: int) -> Arrays:
+    assert _study is not None  # the pool's initializer set it
+    return _study.run(c)
+
+
+@dataclass(frozen=True)
+class Processes:
+    """Worker processes on this machine; when one is killed, what it had not finished is run again."""
+
+    workers: int
+
+    def results(self, study: Study, chunks: Sequence[int]) -> Iterator[tuple[int, Arrays]]:
+        from concurrent.futures.process import BrokenProcessPool
+
+        left, lost = list(chunks), 0
+        while left:
+            try:
+                for c, arrays in self._pool(study, tuple(left)):
+                    left.remove(c)
+                    lost = 0
+                    yield c, arrays
+            except BrokenProcessPool:
+                lost += 1
+                if lost >= LOST_POOLS:
+                    raise InputError(
+                        f"worker processes were killed {lost} times before they finished a chunk, "
+                        "wanted more memory or fewer --workers"
+                    ) from None
+
+    def _pool(self, study: Study, chunks: tuple[int, ...]) -> Iterator[tuple[int, Arrays]]:
+        from concurrent.futures import ProcessPoolExecutor
+        from multiprocessing import get_context
+
+        workers = min(self.workers, len(chunks))
+        pool = ProcessPoolExecutor(workers, get_context("spawn"), _start_worker, (study,))
+        try:
+            yield from _windowed(chunks, AHEAD * workers, lambda c: pool.submit(_run_in_worker, c))
+        finally:
+            pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _windowed(
+    chunks: Sequence[int], window: int, submit: Callable[[int], Future[Arrays]]
+) -> Iterator[tuple[int, Arrays]]:
+    """Results as they come, never more than ``window`` chunks given out at once."""
+    from concurrent.futures import FIRST_COMPLETED, wait
+
+    queue, running = iter(chunks), {}
+    for c in queue:
+        running[submit(c)] = c
+        if len(running) < window:
+            continue
+        yield from _collect(running, wait(running, return_when=FIRST_COMPLETED).done)
+    while running:
+        yield from _collect(running, wait(running, return_when=FIRST_COMPLETED).done)
+
+
+def _collect(running: dict[Future[Arrays], int], done: set[Future[Arrays]]) -> Iterator[tuple[int, Arrays]]:
+    for future in done:
+        yield running.pop(future), future.result()
+
+
+def _run_on_cluster(study: Study, c: int) -> Arrays:
+    return study.run(c)
+
+
+@dataclass(frozen=True)
+class Dask:
+    """Workers of a Dask cluster (extra ``cluster``); a task is a chunk, and the cluster repeats those it loses."""
+
+    address: str
+
+    def results(self, study: Study, chunks: Sequence[int]) -> Iterator[tuple[int, Arrays]]:
+        try:
+            distributed: Any = import_module("distributed")
+        except ImportError:
+            raise InputError(
+                "--scheduler needs Dask, which is not installed; wanted pip install 'starplumb[cluster]'"
+            ) from None
+        try:
+            client = distributed.Client(self.address, timeout=20)
+        except (OSError, ValueError, TimeoutError) as error:
+            raise InputError(f"--scheduler: found no Dask scheduler at {self.address} ({error})") from None
+        with client:
+            everywhere = client.scatter(study, broadcast=True)
+
+            def submit(c: int) -> Any:
+                return client.submit(_run_on_cluster, everywhere, c, pure=False, retries=LOST_POOLS)
+
+            queue = iter(chunks)
+            window = max(AHEAD * len(client.nthreads()), AHEAD)
+            running = {submit(c): c for c in islice(queue, window)}
+            finished = distributed.as_completed(running)
+            for future in finished:
+                yield running.pop(future), future.result()
+                if (c := next(queue, None)) is not None:
+                    running[fresh := submit(c)] = c
+                    finished.add(fresh)
+
+
+def cpu_count() -> int:
+    """Processors that this process may use."""
+    try:
+        return len(os.sched_getaffinity(0))
+    except AttributeError:
+        return os.cpu_count() or 1
+
+
+def choose(workers: int | None, address: str | None, chunks: int) -> Scheduler:
+    """The scheduler that the options mean: a cluster, this process for one worker or one chunk, else processes."""
+    if address is not None:
+        return Dask(address)
+    count = min(cpu_count() if workers is None else workers, chunks)
+    return Serial() if count <= 1 else Processes(count)
+
+
+def run(store: Store, scheduler: Scheduler, done: Callable[[int], None] = lambda trials: None) -> None:
+    """Run what is missing of a study; ``done`` hears the trials of each chunk, those found finished first.
+
+    A chunk counts once it is stored: interrupted at any moment, the finished ones are kept.
+    """
+    study = store.study
+    missing = store.missing()
+    done(study.trials - sum(study.count(c) for c in missing))
+    for c, arrays in scheduler.results(study, missing):
+        store.save(c, arrays)
+        done(study.count(c))

@@ -1,0 +1,179 @@
+"""A campaign as physics: what was flown, measured and surveyed, in SI units and the frames of the package; no
+files."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..physics.camera import Camera
+from ..physics.light import Corrections
+from ..physics.series import Attitude, Ephemeris, Orientation
+from ..physics.trackers import FusedAttitude
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+Epochs = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Landmarks:
+    """L surveyed markers: ``r_J`` (L, 3) m with ``covariance_J`` (L, 3, 3) m^2, known by ``ids`` without
+    repetition."""
+
+    ids: tuple[str, ...]
+    r_J: Array
+    covariance_J: Array
+
+    def __post_init__(self) -> None:
+        n = _distinct("landmark", self.ids)
+        _shape("r_J", self.r_J, (n, 3))
+        _shape("covariance_J", self.covariance_J, (n, 3, 3))
+
+
+@dataclass(frozen=True)
+class Images:
+    """m images taken at ``t_ns`` (m,): mid-exposure of a frame; of row 0 for a line scanner, whose rows
+    follow one another by ``line_period_s`` (m,) (None for a frame).  ``tracker`` (m,) names the star
+    tracker each attitude is from, None where they are not told apart."""
+
+    ids: tuple[str, ...]
+    t_ns: Epochs
+    line_period_s: Array | None = None
+    name: str = "the images"
+    """What messages call them: the user's file."""
+    tracker: tuple[str, ...] | None = None
+
+    def __post_init__(self) -> None:
+        m = _distinct("image", self.ids)
+        _shape("t_ns", self.t_ns, (m,))
+        if self.t_ns.dtype != np.int64:
+            raise ValueError(f"t_ns is {self.t_ns.dtype}, wanted int64")
+        if self.line_period_s is not None:
+            _shape("line_period_s", self.line_period_s, (m,))
+        if self.tracker is not None and len(self.tracker) != m:
+            raise ValueError(f"tracker names {len(self.tracker)} images, wanted {m}")
+
+    def exposed(self, image: Index, row_px: ArrayLike) -> Epochs:
+        """Epochs (n,) of rows (n,) of images (n,): of the image itself, plus row periods for a line scanner."""
+        if self.line_period_s is None:
+            return self.t_ns[image]
+        late_s = self.line_period_s[image] * np.asarray(row_px, dtype=np.float64)
+        return np.asarray(self.t_ns[image] + np.rint(1e9 * late_s).astype(np.int64))
+
+
+@dataclass(frozen=True)
+class Sightings:
+    """n marker images: indices ``image`` and ``landmark`` (n,), measured ``column_px`` and ``row_px`` (n,)
+    with ``sigma_px`` (n,) in either; ``check`` (n,) ones are kept out of the solution, to test it."""
+
+    image: Index
+    landmark: Index
+    column_px: Array
+    row_px: Array
+    sigma_px: Array
+    check: NDArray[np.bool_]
+
+    def __post_init__(self) -> None:
+        for name in ("image", "landmark", "column_px", "row_px", "sigma_px", "check"):
+            _shape(name, getattr(self, name), self.image.shape[:1])
+
+
+@dataclass(frozen=True)
+class Detections:
+    """n marker images whose landmark is not known: index ``image``, ``column_px``, ``row_px``, ``sigma_px``
+    (n,)."""
+
+    image: Index
+    column_px: Array
+    row_px: Array
+    sigma_px: Array
+
+    def __post_init__(self) -> None:
+        for name in ("image", "column_px", "row_px", "sigma_px"):
+            _shape(name, getattr(self, name), self.image.shape[:1])
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """Everything one calibration is made from.
+
+    ================ =================== ==================================================================
+    C_EK             (3, 3)              model mounting, that is to be corrected
+    sigma_mounting   (3,) or None        prior knowledge of its error about E's axes, rad; None for nothing
+    sigma_position   (3,)                position error an image's markers share, m, along ``position_frame``
+    cov_attitude_E   (3, 3), (m, 3, 3)   of the attitude error an image's markers share, about E's axes, rad^2
+    orientation                          of the Earth; needed where ``position_frame`` is inertial
+    ================ =================== ==================================================================
+    """
+
+    name: str
+    camera: Camera
+    C_EK: Array
+    sigma_mounting: Array | None
+    ephemeris: Ephemeris
+    sigma_position: Array
+    position_frame: Literal["ITRF", "GCRF"]
+    attitude: Attitude | FusedAttitude
+    cov_attitude_E: Array
+    landmarks: Landmarks
+    images: Images
+    sightings: Sightings
+    corrections: Corrections
+    orientation: Orientation | None = None
+
+    def __post_init__(self) -> None:
+        _shape("C_EK", self.C_EK, (3, 3))
+        _shape("sigma_position", self.sigma_position, (3,))
+        if self.sigma_mounting is not None:
+            _shape("sigma_mounting", self.sigma_mounting, (3,))
+        m = len(self.images.ids)
+        if self.cov_attitude_E.shape not in ((3, 3), (m, 3, 3)):
+            shape = self.cov_attitude_E.shape
+            raise ValueError(f"cov_attitude_E has shape {shape}, wanted (3, 3) or ({m}, 3, 3)")
+        if self.camera.scans and self.images.line_period_s is None:
+            raise ValueError("a line scanner's images need their line_period_s")
+        if self.position_frame == "GCRF" and self.orientation is None:
+            raise ValueError("an inertial position_frame needs the orientation of the Earth")
+        _indices("image", self.sightings.image, m)
+        _indices("landmark", self.sightings.landmark, len(self.landmarks.ids))
+
+    @property
+    def attitudes(self) -> tuple[Attitude, ...]:
+        """The series of every star tracker."""
+        attitude = self.attitude
+        if isinstance(attitude, FusedAttitude):
+            return tuple(tracker.attitude for tracker in attitude.trackers)
+        return (attitude,)
+
+    @property
+    def one_attitude(self) -> Attitude:
+        """The only series; ValueError where the attitude is that of several trackers."""
+        (only,) = self.attitudes
+        return only
+
+    def with_attitude(self, change: Callable[[Attitude], Attitude]) -> Campaign:
+        """The campaign with ``change`` made to its attitude, to the series of every tracker where there are several."""
+        attitude = self.attitude
+        changed = attitude.each(change) if isinstance(attitude, FusedAttitude) else change(attitude)
+        return replace(self, attitude=changed)
+
+
+def _shape(name: str, array: NDArray[Any], shape: tuple[int, ...]) -> None:
+    if array.shape != shape:
+        raise ValueError(f"{name} has shape {array.shape}, wanted {shape}")
+
+
+def _distinct(kind: str, ids: tuple[str, ...]) -> int:
+    if len(set(ids)) != len(ids):
+        raise ValueError(f"the {kind} ids repeat")
+    return len(ids)
+
+
+def _indices(kind: str, index: Index, count: int) -> None:
+    if index.size and not (index.min() >= 0 and index.max() < count):
+        raise ValueError(f"a sighting's {kind} index lies outside 0 .. {count - 1}")
