@@ -91,6 +91,7 @@ def test_every_module_lives_in_a_folder_of_the_plan():
     assert {module for module in MODULES if folder(module) is None} == {"", "io"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("module", sorted(MODULES))
 def test_a_folder_imports_only_from_those_before_it(module):
     if module in LAZY:

@@ -28,6 +28,7 @@ def scanner():
     return load_scenario(find_scenario("wide-swath"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("estimator", [Gls(), Wahba()])
 def test_budget_agrees_with_sampling(two_images, estimator):
     """Variances within their sampling error, 5000 trials, for the optimal and for a plainly weighted estimate."""
@@ -39,6 +40,7 @@ def test_budget_agrees_with_sampling(two_images, estimator):
     np.testing.assert_allclose(np.corrcoef(theta.T), correlation, atol=3.5 / np.sqrt(n))
 
 
+@pytest.mark.slow
 def test_budget_of_a_wrong_model_agrees_with_sampling_where_the_stated_sigma_does_not():
     scenario, n = load_scenario(find_scenario("cubesat-6u-shared-left-out")), 1500
     found = budget(scenario, Gls())
@@ -79,6 +81,7 @@ def test_sensitivities_are_the_derivatives_of_sigma(scanner):
         np.testing.assert_allclose(share.derivative_E, wanted, rtol=2e-2, atol=1e-3 * np.abs(wanted).max())
 
 
+@pytest.mark.slow
 def test_one_image_of_markers_far_apart_follows_the_formula_by_hand():
     """One tracker of 5, 5, 12 arcsec over one nadir image: it goes into the alignment as it is, c_j = 1 (28 of A)."""
     found = budget(load_scenario(find_scenario("vhr-0.3m")), Gls())

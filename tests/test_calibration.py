@@ -149,6 +149,7 @@ def test_the_closed_form_has_an_answer_without_a_covariance(rng):
     assert np.linalg.norm(so3.log(done.estimate.C_EK @ C_EK_TRUE.mT)) < 300 * ARCSEC
 
 
+@pytest.mark.slow
 def test_chi_square_of_sound_campaigns_is_spread_evenly(rng):
     p = [calibrate(delivered(rng, FRAME, images=3, markers=4)[0], Gls()).chi2_p for _ in range(60)]
     assert kstest(p, "uniform").pvalue > 1e-3

@@ -645,6 +645,7 @@ def test_brahe_agrees(tmp_path, rng):
 # Speed
 
 
+@pytest.mark.slow
 def test_hundred_thousand_lines_in_seconds(tmp_path, rng):
     n = 100_000
     q = np.tile([0.5, 0.5, 0.5, 0.5], (n, 1))

@@ -83,6 +83,7 @@ def assert_refused(spoken: Spoken, *says: str) -> None:
 # The whole way, each command in a process of its own ------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("camera", ["frame", "line-scan"])
 def test_from_nothing_to_a_position_on_the_ground(camera: str, tmp_path: Path) -> None:
     made = process("init", "demo", "--camera", camera, cwd=tmp_path)
@@ -161,6 +162,7 @@ def test_mounting_kernel_gives_the_same_rotation_in_spice(tmp_path: Path) -> Non
     np.testing.assert_allclose(C_EK, document(tmp_path)["mounting"]["matrix"], atol=1e-15)
 
 
+@pytest.mark.slow
 def test_files_of_an_earlier_result_do_not_stay_beside_a_failed_one(tmp_path: Path) -> None:
     path = demo(tmp_path / "demo", "--images", 1)
     assert starplumb("calibrate", path, "--quiet").status == 0
@@ -174,6 +176,7 @@ def test_files_of_an_earlier_result_do_not_stay_beside_a_failed_one(tmp_path: Pa
 # Answers ------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("camera", ["frame", "line-scan"])
 def test_the_truth_lies_within_four_sigma_whatever_the_seed(camera: str, tmp_path: Path) -> None:
     ratios = []
@@ -196,6 +199,7 @@ def test_methods_are_named_and_a_wrong_name_is_told_the_right_ones(tmp_path: Pat
     assert_refused(starplumb("calibrate", path, "--method", "glz"), "--method", "'glz'", "did you mean gls?")
 
 
+@pytest.mark.slow
 def test_location_of_a_marker_is_where_it_was_surveyed(tmp_path: Path) -> None:
     path = demo(tmp_path / "demo", "--images", 2)
     starplumb("calibrate", path, "--quiet", "--no-report")
@@ -220,6 +224,7 @@ def test_location_of_a_marker_is_where_it_was_surveyed(tmp_path: Path) -> None:
 # Output -------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", ["calibrate", "compare"])
 def test_json_is_all_that_standard_output_carries(command: str, tmp_path: Path) -> None:
     path = demo(tmp_path / "demo", "--images", 2)
@@ -230,6 +235,7 @@ def test_json_is_all_that_standard_output_carries(command: str, tmp_path: Path) 
     assert json.loads(spoken.out) == json.loads((tmp_path / file).read_text(encoding="utf-8"))
 
 
+@pytest.mark.slow
 def test_quiet_commands_say_nothing(tmp_path: Path) -> None:
     path = demo(tmp_path / "demo", "--images", 2)
     swap("images.csv", "image_id,time\n", "image_id,time,remark\n")(path.parent)
@@ -241,6 +247,7 @@ def test_quiet_commands_say_nothing(tmp_path: Path) -> None:
     assert starplumb("locate", path, 1, 1, "--image", "image01", "--quiet") == nothing
 
 
+@pytest.mark.slow
 def test_tables_are_whole_in_a_pipe_and_names_are_shown_as_they_are(tmp_path: Path) -> None:
     path = demo(tmp_path / "demo", "--images", 2)
     swap("campaign.toml", "starplumb demo", "[/b] :star: [x]")(path.parent)
@@ -257,6 +264,7 @@ def test_tables_are_whole_in_a_pipe_and_names_are_shown_as_they_are(tmp_path: Pa
 # Mistakes -----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", BAD_CASES, ids=lambda case: case.name)
 def test_wrong_input_is_refused_in_one_line_and_nothing_is_written(case: BadCase, tmp_path: Path) -> None:
     path = write_good_campaign(tmp_path / "campaign")
@@ -269,6 +277,7 @@ def test_wrong_input_is_refused_in_one_line_and_nothing_is_written(case: BadCase
     assert names(tmp_path) == {"campaign"}
 
 
+@pytest.mark.slow
 def test_a_mistake_ends_with_status_2_and_no_traceback(tmp_path: Path) -> None:
     path = demo(tmp_path / "demo", "--images", 2)
     (tmp_path / "taken").write_text("a file")
@@ -295,6 +304,7 @@ def test_a_mistake_ends_with_status_2_and_no_traceback(tmp_path: Path) -> None:
     assert "result" not in names(path.parent)
 
 
+@pytest.mark.slow
 def test_wrong_usage_ends_with_status_2() -> None:
     for arguments in (["calibrate"], ["calibrate", "--colour"], ["paint"], ["init", "x", "--images", "0"]):
         spoken = starplumb(*arguments)
@@ -326,6 +336,7 @@ def keep_rows(table: Path, count: int) -> None:
     table.write_text("".join([lines[0], *lines[-count:]]), encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_one_marker_is_singular_and_the_result_says_why(tmp_path: Path) -> None:
     path = demo(tmp_path / "demo", "--images", 1)
     keep_rows(path.parent / "observations.csv", 1)
@@ -341,6 +352,7 @@ def test_one_marker_is_singular_and_the_result_says_why(tmp_path: Path) -> None:
     assert starplumb("compare", path, "--quiet").status == 3
 
 
+@pytest.mark.slow
 def test_a_result_of_another_campaign_is_not_taken(tmp_path: Path) -> None:
     path = demo(tmp_path / "demo", "--images", 2)
     starplumb("calibrate", path, "--quiet", "--no-report")

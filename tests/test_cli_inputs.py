@@ -221,6 +221,7 @@ def plain(kind: str, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]
     return calibrated(demo(tmp_path_factory.mktemp("plain") / "demo", "--camera", kind, "--images", 2))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("rewrite", "arcsec"), ANY_CAMERA)
 def test_other_files_and_frames_give_the_same_answer(
     rewrite: Rewrite, arcsec: float, kind: str, plain: dict[str, Any], tmp_path: Path
@@ -230,6 +231,7 @@ def test_other_files_and_frames_give_the_same_answer(
     assert_same(calibrated(path), plain, arcsec)
 
 
+@pytest.mark.slow
 def test_pixels_may_be_counted_from_their_corner(tmp_path: Path) -> None:
     plain = calibrated(demo(tmp_path / "plain", "--images", 2))
     path = demo(tmp_path / "corner", "--images", 2)
@@ -241,6 +243,7 @@ def test_pixels_may_be_counted_from_their_corner(tmp_path: Path) -> None:
     np.testing.assert_allclose(counted[0], counted[1], rtol=1e-12, err_msg="as the user counts them")
 
 
+@pytest.mark.slow
 def test_look_angles_and_optics_of_a_line_scanner_agree(tmp_path: Path) -> None:
     plain = calibrated(demo(tmp_path / "table", "--camera", "line-scan", "--images", 2))
     path = demo(tmp_path / "optics", "--camera", "line-scan", "--images", 2)
@@ -265,6 +268,7 @@ def mounting_forms(q_xyzw: list[float]) -> dict[str, str]:
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", list(mounting_forms([0.0, 0.0, 0.0, 1.0])))
 @pytest.mark.parametrize("reverse", [False, True])
 def test_the_mounting_may_be_written_in_every_form_and_direction(
@@ -330,6 +334,7 @@ def test_quickbird_from_its_metadata_to_the_published_mount(shared_data: Path, t
     assert np.abs(off).max() < 0.4
 
 
+@pytest.mark.slow
 def test_pleiades_from_its_metadata_and_ground_points_to_its_mount(
     shared_data: Path, tmp_path: Path, rng: np.random.Generator
 ) -> None:

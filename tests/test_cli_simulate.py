@@ -20,6 +20,7 @@ def call(*arguments):
     return result.stdout
 
 
+@pytest.mark.slow
 def test_json_is_a_document_and_the_summary_beside_it_the_same(tmp_path):
     printed = call(*SIMULATE, "--trials", "300", "--samples", "none", "--json", "--out", str(tmp_path))
     document = json.loads(printed)
@@ -62,6 +63,7 @@ def test_a_mistake_is_one_sentence(arguments, said):
         call("simulate", "two-images", *arguments)
 
 
+@pytest.mark.slow
 def test_budget_prints_contributions_and_writes_its_document(tmp_path):
     printed = call("budget", "two-images", "--target", "2.4", "--out", str(tmp_path))
     for part in (

@@ -30,6 +30,7 @@ def demo(tmp_path_factory):
     return folder / "campaign.toml"
 
 
+@pytest.mark.slow
 def test_every_method_stands_beside_gls(demo):
     campaign = load_campaign(demo).campaign
     answers = {a.method: a for a in compare(campaign)}
@@ -46,6 +47,7 @@ def test_every_method_stands_beside_gls(demo):
     np.testing.assert_allclose(linear.from_gls, by_hand, atol=0.05)
 
 
+@pytest.mark.slow
 def test_the_remarks_carry_the_campaigns_own_figures(demo):
     campaign = load_campaign(demo).campaign
     answers = {a.method: a for a in compare(campaign)}
@@ -61,6 +63,7 @@ def test_the_remarks_carry_the_campaigns_own_figures(demo):
     assert "states no sigma" in " ".join(answers["wahba"].remarks)
 
 
+@pytest.mark.slow
 def test_check_points_stay_out(demo):
     """The answer is that of calibrate, which keeps them out too."""
     result = CliRunner().invoke(app, ["calibrate", str(demo), "--json", "--out", str(demo.parent / "result")])
@@ -70,6 +73,7 @@ def test_check_points_stay_out(demo):
     )
 
 
+@pytest.mark.slow
 def test_json_on_standard_output_is_the_file(demo, tmp_path):
     result = run(demo, "--json", "--out", tmp_path / "results")
     document = json.loads(result.stdout)
@@ -82,6 +86,7 @@ def test_json_on_standard_output_is_the_file(demo, tmp_path):
     assert np.all(np.abs(gls["error_arcsec"]) < 4.0 * np.array(gls["sigma_arcsec"]))
 
 
+@pytest.mark.slow
 def test_a_table_for_people(demo):
     text = run(demo).stdout
     for name in METHODS:

@@ -54,6 +54,7 @@ def test_field_radius_by_hand(rng):
     assert field_radius(replace(o, xy_K=xy)) == pytest.approx(np.sqrt((0.01**2 + 0.02**2) / 2))
 
 
+@pytest.mark.slow
 def test_a_sound_campaign_is_left_without_a_word(rng):
     """Views turned by half a turn tell the aberration; thirty good campaigns, no sentence."""
     for _ in range(30):

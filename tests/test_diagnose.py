@@ -124,6 +124,7 @@ TABLES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("key", TABLES)
 def test_a_misread_table_is_named(spoiled, key):
     spoiled.rewrite(*TABLES[key])
@@ -141,6 +142,7 @@ KEYS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("key", KEYS)
 def test_a_wrong_key_is_named(spoiled, key):
     spoiled.replace(*KEYS[key])
@@ -158,6 +160,7 @@ def test_a_table_in_another_time_scale_is_named(spoiled, table, seconds):
     assert [m.key for m in found.best.undone] == [f"times.{table}{-seconds:+d}s"]
 
 
+@pytest.mark.slow
 def test_all_times_in_gps_are_told_from_the_turn_of_the_earth(spoiled):
     """UTC called GPS: all tables agree, only the Earth has turned by 270 arcsec, seen where images are turned."""
     spoiled.replace('time_scale = "UTC"', 'time_scale = "GPS"')
@@ -166,6 +169,7 @@ def test_all_times_in_gps_are_told_from_the_turn_of_the_earth(spoiled):
     assert [m.key for m in found.best.undone] == ["times.all+18s"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mistake", ["direction", "order"])
 def test_a_misread_mounting_is_named(spoiled, mistake):
     """It leaves no residual, but a correction of many degrees."""
@@ -178,6 +182,7 @@ def test_a_misread_mounting_is_named(spoiled, mistake):
     assert found.best.correction < np.deg2rad(1.5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("axis", "angle"), [("x", 90), ("y", -90), ("z", 180)])
 def test_axes_off_by_a_quarter_turn_are_named(spoiled, axis, angle):
     turned = spoiled.mounting() * Rotation.from_euler(axis, -angle, degrees=True)
@@ -188,6 +193,7 @@ def test_axes_off_by_a_quarter_turn_are_named(spoiled, axis, angle):
     assert found.best.correction < np.deg2rad(1.5)
 
 
+@pytest.mark.slow
 def test_a_direction_written_from_the_tracker_is_undone_in_its_own_terms(spoiled):
     """With from = star tracker the file holds inverse quaternions: scalar first is another mistake than else."""
     spoiled.rewrite("attitude", conjugated)
@@ -200,6 +206,7 @@ def test_a_direction_written_from_the_tracker_is_undone_in_its_own_terms(spoiled
     assert [m["key"] for m in document["best"]["undone"]] == ["attitude.order"]
 
 
+@pytest.mark.slow
 def test_two_mistakes_at_once_are_both_named(spoiled):
     spoiled.rewrite("attitude", scalar_first)
     spoiled.move_times("images", 18)
@@ -208,6 +215,7 @@ def test_two_mistakes_at_once_are_both_named(spoiled):
     assert {m.key for m in found.best.undone} == {"attitude.order", "times.images-18s"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("in_data", [True, False])
 def test_a_wrong_aberration_switch_is_named(kind, in_data, rng):
     """Sharp attitude and images turned to one another: the switch cannot hide in the mounting."""
@@ -222,6 +230,7 @@ def test_a_wrong_aberration_switch_is_named(kind, in_data, rng):
     assert [m.key for m in found.best.undone] == ["corrections.aberration"]
 
 
+@pytest.mark.slow
 def test_half_a_pixel_shows_against_a_well_known_mounting_only(rng):
     """A constant shift of all pixels is a turn of the camera: only what is known of the mounting can tell."""
     exact = replace(SIGMAS, attitude=np.full(3, 0.02 * ARCSEC), position=np.full(3, 0.05), pixel=0.1)
@@ -236,6 +245,7 @@ def test_half_a_pixel_shows_against_a_well_known_mounting_only(rng):
     assert [m.key for m in found.best.undone] == ["pixels.origin-0.5"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 def test_nothing_is_named_on_good_campaigns(kind, seed):
     campaign, _ = demo(kind, 2 + seed % 5, 100 + seed)
@@ -244,6 +254,7 @@ def test_nothing_is_named_on_good_campaigns(kind, seed):
     assert found.verdict == "none"
 
 
+@pytest.mark.slow
 def test_what_no_usual_mistake_explains_is_said_to_be_so(spoiled, rng):
     """A third of the sightings is off by tens of pixels."""
 
@@ -257,6 +268,7 @@ def test_what_no_usual_mistake_explains_is_said_to_be_so(spoiled, rng):
     assert found.best is None
 
 
+@pytest.mark.slow
 def test_a_gross_mistake_is_named_among_blunders(spoiled):
     rows = iter(range(1000))
 
@@ -270,6 +282,7 @@ def test_a_gross_mistake_is_named_among_blunders(spoiled):
     assert [m.key for m in found.best.undone] == ["attitude.order"]
 
 
+@pytest.mark.slow
 def test_the_command_names_it_in_words(spoiled):
     spoiled.rewrite("attitude", scalar_first)
     result = CliRunner().invoke(app, ["diagnose", str(spoiled.path)])

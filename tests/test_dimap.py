@@ -55,6 +55,7 @@ def grid(shared_data: Path) -> tuple[Array, Array]:
     return np.tile(pixel, (len(layers), 1)), np.concatenate(ground)
 
 
+@pytest.mark.slow
 def test_vendor_attitude_reproduces_the_vendors_grid_without_our_light_effects(
     pleiades: Path, grid: tuple[Array, Array]
 ) -> None:

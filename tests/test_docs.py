@@ -36,6 +36,7 @@ def _block(after: str) -> str:
     return found[1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)
 def test_example_runs_in_time_and_leaves_a_figure(example: Path, tmp_path: Path) -> None:
     printed = _run([sys.executable, str(example)], tmp_path, LIMIT_S)
@@ -43,6 +44,7 @@ def test_example_runs_in_time_and_leaves_a_figure(example: Path, tmp_path: Path)
     assert list(tmp_path.glob("*.svg"))
 
 
+@pytest.mark.slow
 def test_readme_shows_what_the_command_prints(tmp_path: Path) -> None:
     program = [sys.executable, "-c", "from starplumb.cli import main; main()"]
     _run([*program, "init", "demo"], tmp_path)
@@ -50,6 +52,7 @@ def test_readme_shows_what_the_command_prints(tmp_path: Path) -> None:
     assert printed.strip() == _block("output: starplumb calibrate demo/campaign.toml").strip()
 
 
+@pytest.mark.slow
 def test_readme_snippet_agrees_with_its_sigma(tmp_path: Path) -> None:
     printed = _run([sys.executable, "-c", _block("run: python")], tmp_path)
     numbers = [float(number) for number in re.findall(r"-?\d+\.\d+", printed)]

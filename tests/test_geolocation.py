@@ -163,6 +163,7 @@ def point(run, path, column, row):
     return [document[key] for key in ("longitude_deg", "latitude_deg", "height_m")]
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:Dataset has no geotransform")
 @pytest.mark.parametrize("ending", ["tif", "npy"])
 def test_the_command_writes_a_grid(written, tmp_path, ending):
@@ -230,6 +231,7 @@ def test_gdal_finds_the_pixels_by_the_grid(tmp_path, every):
     )
 
 
+@pytest.mark.slow
 def test_a_grid_on_a_dem_says_what_it_lacks(written, tmp_path):
     path, run = written
     longitude, latitude, _ = point(run, path, 6000, 6000)

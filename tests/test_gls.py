@@ -70,12 +70,14 @@ def check_statistics(estimate, error):
     assert np.var(estimate.chi2) == pytest.approx(2 * dof, rel=4 * spread)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS)
 @pytest.mark.parametrize("options", SCENES.values(), ids=SCENES)
 def test_all_errors_together(camera, options, rng):
     check_statistics(*fly(observe(truth(camera, **options)), rng))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("source", SOURCES)
 @pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS)
 @pytest.mark.parametrize("scene_name", ["one image", "four images, turned", "one site from four places"])
@@ -84,6 +86,7 @@ def test_each_error_alone(camera, scene_name, source, rng):
     check_statistics(*fly(o, rng))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS)
 def test_rmse_is_the_independent_cramer_rao_bound(camera, rng):
     """Within 2 % on each axis, from 20000 campaigns (each deviation is known to 0.5 %)."""
@@ -93,6 +96,7 @@ def test_rmse_is_the_independent_cramer_rao_bound(camera, rng):
     np.testing.assert_allclose(np.sqrt(np.mean(error**2, axis=0)), bound, rtol=0.02)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS)
 @pytest.mark.parametrize("options", SCENES.values(), ids=SCENES)
 def test_stated_covariance_is_the_bound_of_dense_differences(camera, options, rng):
@@ -141,6 +145,7 @@ def test_stated_sigmas_are_those_of_the_closed_formula(nadir_table):
     np.testing.assert_allclose(Gls()(o, C_EK_TRUE).sigma_E, [xy, xy, z], rtol=0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("source", SOURCES)
 def test_each_source_passes_into_the_estimate_as_the_closed_formula_says(nadir_table, source, rng):
     """The estimator weighs all errors as stated while only one of them happens; 3 axes to 6 % (4 sigma)."""
@@ -157,6 +162,7 @@ def test_each_source_passes_into_the_estimate_as_the_closed_formula_says(nadir_t
         np.testing.assert_allclose(found[2], z, rtol=0.07)
 
 
+@pytest.mark.slow
 def test_gain_over_equal_weights(rng):
     """Markers in a corner of each image: equal weights pay for the shared errors with the angle about the boresight.
 
@@ -190,6 +196,7 @@ def test_any_initial_error_gives_the_same_answer(camera, axis, angle_deg, rng):
     assert far.status == Status.OK
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS)
 def test_the_answer_is_scipys_on_the_same_residuals(camera, rng):
     """least_squares with the dense covariance, and with every shared error as an unknown and nothing linearised."""
@@ -203,6 +210,7 @@ def test_the_answer_is_scipys_on_the_same_residuals(camera, rng):
         assert chi2 == pytest.approx(float(estimate.chi2), rel=1e-4)
 
 
+@pytest.mark.slow
 def test_image_and_marker_errors_are_those_of_the_joint_adjustment(rng):
     o = observe(truth(FRAME, images=2, markers=4, shared_site=True))
     o = measure(o, C_EK_TRUE, Errors.draw(o, rng))
@@ -213,6 +221,7 @@ def test_image_and_marker_errors_are_those_of_the_joint_adjustment(rng):
     np.testing.assert_allclose(found.pi_J, pi, atol=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS)
 def test_statistics_with_a_prior(camera, rng):
     """The model mounting is drawn from its stated error too: the prior sharpens the estimate and its sigma honestly."""

@@ -182,6 +182,7 @@ def test_unknown_ground_is_not_a_number():
     assert np.isnan(nowhere)
 
 
+@pytest.mark.slow
 def test_locate_on_a_dem(tmp_path):
     campaign, _ = demo("frame", 1, 4)
     path = write_campaign(tmp_path / "campaign", campaign)

@@ -39,6 +39,7 @@ def unnamed(true, rng, clutter=0.3, missed=0.0, error_deg=1.0, bias_px=5.0):
     return replace(true, C_EK=model), detections, named[order]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("camera", [FRAME, LINE], ids=["frame", "line"])
 @pytest.mark.parametrize(
     ("clutter", "missed", "error_deg"), [(0.3, 0.0, 1.0), (0.5, 0.5, 1.0), (0.3, 0.2, 2.0), (0.0, 0.0, 0.0)]
@@ -152,6 +153,7 @@ def test_limits_are_kept(rng, monkeypatch):
     assert np.all(np.diff(fewer.detection) >= 0)
 
 
+@pytest.mark.slow
 def test_a_thousand_detections_take_little_memory(rng):
     """Four images of 300 detections among 200 markers each, which all told are 240 000 candidates."""
     campaign, detections, named = unnamed(truth(FRAME, 4, 200), rng, missed=0.1)

@@ -83,6 +83,7 @@ def test_a_camera_displaced_to_the_right_sees_the_marker_left(axis, moves):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS)
 @pytest.mark.parametrize("theta_arcsec", [0.0, 0.02, 2.0, 200.0, 3600.0])
 def test_residual_and_jacobians_by_differences(camera, theta_arcsec, rng):

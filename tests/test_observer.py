@@ -89,6 +89,7 @@ def test_rotations_of_rows_are_those_of_matrices(rng):
     np.testing.assert_allclose(both, so3.from_quaternion(p) @ so3.from_quaternion(q), atol=1e-14)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("axis", [0, 1, 2])
 @pytest.mark.parametrize("factorised", [True, False])
 def test_a_model_turned_about_one_axis_is_turned_back(axis, factorised):
@@ -250,6 +251,7 @@ def test_options_that_make_no_sense_are_refused(options, complaint):
         Observer(**options)
 
 
+@pytest.mark.slow
 def test_compiled_code_gives_the_same_statistics(rng):
     pytest.importorskip("numba")
     table = measured(two_images(), rng, 1000)

@@ -88,6 +88,7 @@ def by_the_book(t_ns: int, lines: list[str]) -> np.ndarray:
     return Q @ rotation(2, s) @ rotation(2, -erfa.era00(*ut1)) @ W
 
 
+@pytest.mark.slow
 def test_agrees_with_the_conventions_at_random_epochs(
     orientation: EarthOrientation, lines: list[str], rng: np.random.Generator
 ) -> None:

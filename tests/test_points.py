@@ -145,6 +145,7 @@ def as_asp(campaign):
     return "\n".join(lines) + "\n"
 
 
+@pytest.mark.slow
 def test_a_campaign_from_asp_points_gives_the_same_answer(tmp_path):
     campaign, _ = demo("frame", 3, 8)
     path = write_campaign(tmp_path, campaign)
@@ -159,6 +160,7 @@ def test_a_campaign_from_asp_points_gives_the_same_answer(tmp_path):
     assert found.chi2_p > 1e-4
 
 
+@pytest.mark.slow
 def test_points_of_qgis_get_heights_from_a_dem_and_meet_in_one_landmark(tmp_path):
     from test_heights import write
 
@@ -221,6 +223,7 @@ def test_one_name_at_two_places_is_refused(tmp_path):
     assert 'the point "1" at another place' in str(result.exception)
 
 
+@pytest.mark.slow
 def test_residuals_are_a_layer_of_points(tmp_path):
     raw = pytest.importorskip("pyogrio", reason="needs the extra gis").raw
     campaign, _ = demo("frame", 2, 8)

@@ -122,6 +122,7 @@ def test_at_the_nadir_the_camera_looks_down_on_the_site():
 # the slides
 
 
+@pytest.mark.slow
 def test_sensitivities_of_28_within_3_percent():
     found = rows(lebedev2012.sensitivity(20_000, np.random.default_rng(4)))
     # exact where the printed digits allow 3 %; 2.47e6 is taken as a slip for 2.44e6
@@ -138,6 +139,7 @@ def test_sensitivities_of_28_within_3_percent():
     assert all(row.verdict in (None, "agrees") for row in found.values())
 
 
+@pytest.mark.slow
 def test_totals_of_28_within_2_percent():
     found = rows(lebedev2012.totals(20_000, np.random.default_rng(5)))
     for label in ("algorithm 4 (cross products)", "algorithm 2 (ground plane)", "algorithm 3 (image plane)"):
@@ -146,6 +148,7 @@ def test_totals_of_28_within_2_percent():
     np.testing.assert_allclose(found["gls"].ours.value, bound, rtol=0.02)
 
 
+@pytest.mark.slow
 def test_algorithm_1_is_of_the_published_order_on_average():
     found = rows(lebedev_projective.algorithm1(300, np.random.default_rng(6)))
     assert found["mean over t, r_p = 1 m"].verdict == "same order"
@@ -156,6 +159,7 @@ def test_algorithm_1_is_of_the_published_order_on_average():
     np.testing.assert_allclose(exact.ours.value, 0.0, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_more_images_by_our_reading_and_by_a_proper_treatment():
     found = rows(lebedev_images.images_sigma(4000, np.random.default_rng(7)))
     published_rows = [row for label, row in found.items() if row.published is not None]
@@ -170,6 +174,7 @@ def test_more_images_by_our_reading_and_by_a_proper_treatment():
 # the paper
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("table", "name"), [("table1", "table1"), ("table2", "table2")])
 def test_observer_within_25_and_30_percent_at_saturation(table, name, request):
     found = request.getfixturevalue(table)
@@ -283,6 +288,7 @@ def test_a_table_is_the_same_alone_and_among_others():
     assert alone.document() != other.document()
 
 
+@pytest.mark.slow
 def test_the_document_is_json_without_nan():
     result = document(reproduce(["table1", "algorithm1"], 200, 1), 200, 1)
     text = json.dumps(result, allow_nan=False)

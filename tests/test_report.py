@@ -72,6 +72,7 @@ def page(campaign):
     return page_of(campaign)[0]
 
 
+@pytest.mark.slow
 def test_the_summary_states_the_number_and_its_sigma(campaign):
     page, done = page_of(campaign)
     text = " ".join("".join(Seen(page).text).split())
@@ -85,6 +86,7 @@ def test_the_summary_states_the_number_and_its_sigma(campaign):
     assert "40 sightings in 4 images" in text
 
 
+@pytest.mark.slow
 def test_the_page_needs_nothing_from_outside(page):
     seen = Seen(page)
     assert not {"script", "link", "img", "iframe", "object"} & set(seen.tags)
@@ -93,6 +95,7 @@ def test_the_page_needs_nothing_from_outside(page):
     assert not re.search(r"url\((?!#)|@import", page)
 
 
+@pytest.mark.slow
 def test_ids_of_the_user_stay_text(campaign):
     landmarks = replace(campaign.landmarks, ids=(*campaign.landmarks.ids[:-2], HOSTILE, "$\\frac{$"))
     images = replace(
@@ -147,13 +150,13 @@ def test_contrast_is_that_of_wcag_aa(theme):
 
 PROGRAM = """
 import hashlib
-from starplumb.calibration import calibrate
+from starplumb.judge.calibrate import calibrate
 from starplumb.cli.app import app
-from starplumb.demo import demo
+from starplumb.plan.demo import demo
 from starplumb.estimators.gls import Gls
 from starplumb.estimators.selfcal import SelfCalibration
 from starplumb.estimators.wahba import Wahba
-from starplumb.io.result import result_document
+from starplumb.io.results.result import result_document
 from starplumb.report import calibration_page
 done = calibrate(demo("line-scan", 2, 3)[0], Gls())
 document = result_document(done, "gls", ("camera", "tracker"), {}, {})
@@ -172,6 +175,7 @@ def test_the_same_input_gives_the_same_bytes():
     assert len(digests) == 1
 
 
+@pytest.mark.slow
 def test_a_singular_campaign_has_a_report_that_forbids_its_use(campaign):
     s = campaign.sightings
     one = np.zeros(s.image.size, dtype=bool)
@@ -183,6 +187,7 @@ def test_a_singular_campaign_has_a_report_that_forbids_its_use(campaign):
     assert "No alignment can be given" in page
 
 
+@pytest.mark.slow
 def test_a_budget_shows_where_there_is_one(campaign):
     rows = [
         {"source": "star tracker", "sigma_arcsec": [3.0, 3.0, 6.0]},
@@ -263,6 +268,7 @@ def test_markers_seen_once_have_no_height(campaign):
     )
 
 
+@pytest.mark.slow
 def test_a_page_of_stereo_images_has_le90():
     scene = truth(images=3, markers=5, tilt_deg=20.0, shared_site=True)
     page, _ = page_of(scene)
@@ -305,6 +311,7 @@ def test_the_budget_adds_up_beside_other_parameters():
     assert PRIOR in found
 
 
+@pytest.mark.slow
 def test_a_study_and_a_budget_have_their_pages(tmp_path):
     for command in (
         ["simulate", "two-images", "--trials", "60", "--workers", "1"],
@@ -366,6 +373,7 @@ def test_a_wrong_stated_sigma_is_written_on_the_badge():
     assert "the stated sigmas hold" in simulation_page(document | {"methods": {"gls": fine}})
 
 
+@pytest.mark.slow
 def test_of_very_many_images_and_landmarks_the_worst_are_listed(campaign, monkeypatch):
     done = calibrate(campaign, Gls())
     names = ("camera", "star_tracker")
@@ -385,6 +393,7 @@ def test_of_very_many_images_and_landmarks_the_worst_are_listed(campaign, monkey
     assert f"The worst first; {len(full['landmarks']) - 1} more are in residuals.csv." in text
 
 
+@pytest.mark.slow
 def test_of_very_many_rejections_the_largest_are_shown(campaign):
     rejected = [
         {

@@ -55,6 +55,7 @@ SPOIL = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("camera", [FRAME, LINE], ids=["frame", "line"])
 @pytest.mark.parametrize("kind", SPOIL)
 def test_the_truth_within_its_sigma(kind, camera, rng):
@@ -73,6 +74,7 @@ def test_the_truth_within_its_sigma(kind, camera, rng):
     assert np.sqrt(np.mean(np.square(errors))) == pytest.approx(1.0, abs=0.5)
 
 
+@pytest.mark.slow
 def test_clean_data_lose_two_percent_at_most(rng):
     """Against least squares of the same data: the variance about it, in units of its own."""
     o = observe(truth(FRAME, 12, 10))
@@ -164,6 +166,7 @@ def test_consensus_does_not_need_a_good_start(turn_deg, rng):
         assert np.abs(off).max() < (600.0 if markers == 1 else 120.0) * ARCSEC
 
 
+@pytest.mark.slow
 def test_a_large_table_is_judged_like_a_small_one(monkeypatch, rng):
     """In portions, with a lens to estimate, a bad image, and images larger than a portion."""
     o = observe(truth(FRAME, 12, 50))

@@ -90,6 +90,7 @@ def source(scenario, name):
 # -- files ------------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_every_shipped_scenario_loads_and_gls_solves_it_exactly():
     assert {"two-images", "cubesat-6u", "vhr-0.3m", "wide-swath"} <= set(shipped_scenarios())
     for name, path in shipped_scenarios().items():
@@ -286,6 +287,7 @@ NAMES = ["A", "B", "tracker", "gps", "survey", "pixel", "pass", "bias", "drift",
          "centre", "rounding"]  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("scans", [False, True])
 def test_effect_of_every_source_is_the_change_of_the_residual(write, name, scans):

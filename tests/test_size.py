@@ -84,6 +84,7 @@ def test_blocks_of_a_table_in_order_are_slices(small_limits):
     assert [pieces for _, pieces in blocks] == [[slice(at, at + 40)] for at in range(0, 200, 40)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("compiled", [False, True])
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_the_sum_of_chunks_is_the_whole_step(small_limits, rng, name, compiled):
@@ -201,6 +202,7 @@ def test_repeated_landmarks_are_not_taken_in_chunks(small_limits):
     np.testing.assert_allclose(ours.covariance_E, plain.covariance_E, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_memory_does_not_grow_with_the_table(rng):
     """Forty thousand sightings in less than 20 MB above their own table."""
     true = observe(truth(FRAME, 40, 1000))

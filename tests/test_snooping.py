@@ -111,6 +111,7 @@ def test_a_sighting_left_out_has_the_statistic_it_had(name, rng):
     assert outside.statistic[4] ** 2 == pytest.approx(fall, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_the_statistics_have_the_distribution_they_are_tested_with(rng):
     """Over runs: chi-square of a sighting, an image and a landmark by their own degrees of freedom, and w normal."""
     o = SCENES["one site"]()
@@ -182,6 +183,7 @@ def check_same(parts, whole):
     )
 
 
+@pytest.mark.slow
 def test_portions_say_what_the_whole_says(monkeypatch, rng):
     """Of a large table that is never held whole: statistics, residuals and error budget are those of the dense one."""
     o, used = uneven(rng)
@@ -196,6 +198,7 @@ def test_portions_say_what_the_whole_says(monkeypatch, rng):
     check_same(parts, whole)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("images_go", [True, False])
 def test_repeated_landmarks_are_judged_by_blocks_of_a_sparse_inverse(images_go, monkeypatch, rng):
     """A chain of images that share landmarks, some seen once, one twice in an image; either side eliminated."""
@@ -225,6 +228,7 @@ def test_repeated_landmarks_are_judged_by_blocks_of_a_sparse_inverse(images_go, 
     check_same(parts, whole)
 
 
+@pytest.mark.slow
 def test_what_follows_the_estimate_is_bounded_in_memory(rng):
     """Forty thousand sightings: little more than the columns that are written out."""
     o = observe(truth(FRAME, 400, 100))
@@ -240,6 +244,7 @@ def test_what_follows_the_estimate_is_bounded_in_memory(rng):
     assert peak - written < 20e6
 
 
+@pytest.mark.slow
 def test_what_is_too_closely_woven_to_be_tested_is_said_to_be(monkeypatch):
     """The estimate stands; its sightings have no statistics, and the calibration says why."""
     campaign = truth(FRAME, 6, 9, shared_site=True)

@@ -23,6 +23,7 @@ def test_merged_moments_are_those_of_the_whole_sample(rng, cuts):
     np.testing.assert_allclose(merged.largest, np.abs(x).max(0))
 
 
+@pytest.mark.slow
 def test_interval_of_sigma_covers_for_heavy_tails_too(rng):
     """95 % of intervals hold the true sigma: of a Gaussian, and of a Student with kurtosis 4.5."""
     for draw, sigma in (

@@ -64,6 +64,7 @@ class Broken:
 # -- reproducible -----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_chunk_is_the_same_alone_and_in_any_order(two_images):
     study = Study(two_images, {"gls": Gls()}, 7, 600, chunk=200, keep_samples=True)
     forward = [study.run(c) for c in range(3)]
@@ -95,12 +96,14 @@ def test_a_chunk_never_holds_more_sightings_at_once_than_it_says(monkeypatch, tw
     assert found.theta_E.shape == (100, 3)
 
 
+@pytest.mark.slow
 def test_summary_is_the_same_for_one_and_two_workers(two_images, summary):
     one = summary(two_images, folder="one")
     two = summary(two_images, folder="two", scheduler=Processes(2))
     assert json.dumps(one) == json.dumps(two)
 
 
+@pytest.mark.slow
 def test_summary_is_the_same_on_a_dask_cluster(two_images, summary):
     distributed = pytest.importorskip("distributed")
     here = summary(two_images, folder="here")
@@ -111,6 +114,7 @@ def test_summary_is_the_same_on_a_dask_cluster(two_images, summary):
     assert json.dumps(here) == json.dumps(there)
 
 
+@pytest.mark.slow
 def test_a_killed_worker_loses_nothing(two_images, summary, monkeypatch):
     wanted = summary(two_images, folder="whole")
     killed = []
@@ -139,6 +143,7 @@ def _is_worker(pid):
 # -- resumable --------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_only_missing_and_damaged_chunks_are_run_again(two_images, tmp_path):
     study = Study(two_images, {"gls": Gls()}, 5, 1000, chunk=100)
     store = Store.open(tmp_path, study)
@@ -168,6 +173,7 @@ def test_chunks_of_another_study_are_refused(two_images, tmp_path, change):
         )
 
 
+@pytest.mark.slow
 def test_killed_at_random_moments_and_resumed_the_summary_is_the_same_to_the_bit(tmp_path):
     """The command itself, killed without warning; every resumption must add to what is there."""
 
@@ -206,6 +212,7 @@ def test_killed_at_random_moments_and_resumed_the_summary_is_the_same_to_the_bit
 # -- right ------------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_dense_least_squares_and_the_arrow_agree():
     """Two independent computations of the same covariance: all observations at once, and images eliminated."""
     for name in ("two-images", "cubesat-6u", "wide-swath", "cubesat-6u-drift-left-out"):
@@ -215,6 +222,7 @@ def test_dense_least_squares_and_the_arrow_agree():
         np.testing.assert_allclose(dense, arrow, rtol=1e-5, atol=1e-7 * np.abs(arrow).max())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["two-images", "cubesat-6u", "wide-swath"])
 def test_gls_reaches_the_bound_and_states_its_error(summary, name):
     """In the 99.9 % bands at some thousand trials; the docs quote 45 000."""
@@ -228,6 +236,7 @@ def test_gls_reaches_the_bound_and_states_its_error(summary, name):
     assert found["verdict"][0].startswith("the stated covariance is right")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("source", ["tracker", "gps", "thermal drift", "clock"])
 def test_gls_states_the_error_of_each_source_alone(summary, source):
     scenario = load_scenario(find_scenario("cubesat-6u")).alone(source)
@@ -236,6 +245,7 @@ def test_gls_states_the_error_of_each_source_alone(summary, source):
         assert axis["error_over_stated"]["value"] == pytest.approx(1.0, abs=3.3 / np.sqrt(1600.0))
 
 
+@pytest.mark.slow
 def test_very_high_resolution_case_is_as_good_as_promised():
     """0.187 arcsec about x and y and 0.403 about z, or better; the shape of the formula beside it by hand."""
     scenario = load_scenario(find_scenario("vhr-0.3m"))
@@ -251,6 +261,7 @@ def test_very_high_resolution_case_is_as_good_as_promised():
 # -- loud -------------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_drift_left_out_is_told_by_the_ratio_although_the_fit_is_good(summary):
     scenario = load_scenario(find_scenario("cubesat-6u-drift-left-out"))
     found = summary(scenario, trials=2000)["methods"]["gls"]
@@ -260,6 +271,7 @@ def test_a_drift_left_out_is_told_by_the_ratio_although_the_fit_is_good(summary)
     assert "the residuals do not show it" in second
 
 
+@pytest.mark.slow
 def test_shared_errors_left_out_are_told_by_ratio_and_chi_square(summary):
     scenario = load_scenario(find_scenario("cubesat-6u-shared-left-out"))
     found = summary(scenario, trials=500)["methods"]["gls"]
@@ -276,6 +288,7 @@ def test_failures_are_counted_and_not_dropped(two_images, summary):
     assert found["axes"]["x"]["error_over_stated"] is None
 
 
+@pytest.mark.slow
 def test_heavy_tails_are_said_to_need_more_trials(two_images, summary):
     tails = tuple(replace(s, distribution=Distribution("student", 3.0)) for s in two_images.sources)
     found = summary(replace(two_images, sources=tails), trials=4096, chunk=4096)["methods"]["gls"]
@@ -285,6 +298,7 @@ def test_heavy_tails_are_said_to_need_more_trials(two_images, summary):
     assert not any("wrong" in sentence for sentence in found["verdict"])
 
 
+@pytest.mark.slow
 def test_the_bound_belongs_to_the_true_errors_not_the_stated_ones():
     wrong = load_scenario(find_scenario("cubesat-6u-drift-left-out"))
     right = load_scenario(find_scenario("cubesat-6u"))
@@ -294,6 +308,7 @@ def test_the_bound_belongs_to_the_true_errors_not_the_stated_ones():
 # -- kept -------------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("format", ["parquet", "netcdf"])
 def test_samples_hold_every_trial_in_order(two_images, tmp_path, format):
     pytest.importorskip({"parquet": "pyarrow", "netcdf": "h5netcdf"}[format])

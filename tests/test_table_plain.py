@@ -188,6 +188,7 @@ def test_a_file_that_is_not_there_is_left_to_the_careful_reader(plainly: Read, t
     assert plainly(tmp_path) is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [1, 7, 1000, 1 << 17])
 @pytest.mark.parametrize("end", ["\n", "\r\n"])
 def test_pieces_join_without_a_seam(
@@ -237,6 +238,7 @@ ROW = st.one_of(
 END = st.sampled_from(["\n"] * 8 + ["\r\n", "\r", "\n\n", "\n \n"])
 
 
+@pytest.mark.slow
 @settings(max_examples=600, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     head=st.sampled_from(
@@ -256,6 +258,7 @@ def test_what_is_taken_is_read_alike(
         require_same(found, carefully(path))
 
 
+@pytest.mark.slow
 @settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(values=st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=1, max_size=30))
 def test_numbers_are_those_of_python(plainly: Read, tmp_path: Path, values: list[float]) -> None:

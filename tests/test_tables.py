@@ -74,6 +74,7 @@ def test_lines_are_those_of_the_file(tmp_path: Path) -> None:
     assert read.line.tolist() == [4, 6, 8, 9]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("row", [0, 1023, 1024, 5000, 99_999])
 @pytest.mark.parametrize(
     ("bad", "found"),
@@ -190,6 +191,7 @@ def test_csv_text_reads_back(tmp_path: Path) -> None:
 NAMES = st.text(st.sampled_from("ab \u00e9\U0001f6f0"), max_size=3)
 
 
+@pytest.mark.slow
 @given(known=st.lists(NAMES, unique=True), names=st.lists(NAMES))
 def test_names_are_found_alike_by_either_table(known: list[str], names: list[str]) -> None:
     expected = [known.index(name) if name in known else -1 for name in names]
@@ -219,6 +221,7 @@ def test_masked_cells_are_empty_and_others_say_what_they_are() -> None:
     assert text == "x,y,z\n1.5,0.1,1\n,nan,True\n,-inf,a\n"
 
 
+@pytest.mark.slow
 def test_a_long_table_comes_in_pieces(tmp_path: Path) -> None:
     n = 100_000
     names = [f"n{i}" for i in range(n)]

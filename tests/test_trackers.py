@@ -202,6 +202,7 @@ def test_sigmas_that_vary_move_the_weights():
 # By statistics ------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("camera", [FRAME, LINE], ids=["frame", "line-scan"])
 @pytest.mark.parametrize("fusion", ["weighted", "mean"])
 def test_the_estimate_keeps_its_sigmas_with_three_trackers(camera, fusion, rng):
@@ -226,6 +227,7 @@ def test_the_estimate_keeps_its_sigmas_with_three_trackers(camera, fusion, rng):
     np.testing.assert_allclose(estimate.chi2.mean(), estimate.degrees_of_freedom, rtol=0.02)
 
 
+@pytest.mark.slow
 def test_disagreement_is_chi_square(rng):
     """Mean 3 (k - 1) and variance twice that, whatever the trackers share."""
     t_ns = S * np.arange(4000)
@@ -322,6 +324,7 @@ def test_the_plain_mean_from_files(tmp_path):
     )
 
 
+@pytest.mark.slow
 def test_the_command_calibrates_with_several_trackers_and_locates(tmp_path):
     path = several(tmp_path)
     spoken = starplumb("calibrate", path, "--no-report", "--quiet")
@@ -459,6 +462,7 @@ BAD = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", list(BAD))
 def test_wrong_sections_are_named(name, tmp_path):
     change, says = BAD[name]

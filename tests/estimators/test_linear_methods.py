@@ -198,6 +198,7 @@ CAMPAIGNS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("campaign", CAMPAIGNS)
 def test_gls_is_never_worse(campaign, rng):
     """Mean square error on every axis, on the same draws, within three sigmas of the difference."""

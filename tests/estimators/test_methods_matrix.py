@@ -62,6 +62,7 @@ def test_either_side_may_carry_the_batch(name, rng):
     assert CONVERGED[name]()(tables, C_EK_TRUE).C_EK.shape == (4, 3, 3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("source", SOURCES, ids=lambda s: s.name)
 @pytest.mark.parametrize("name", STATES_SIGMA)
 def test_sigma_is_what_each_source_alone_does(name, source: Source, rng):
@@ -75,6 +76,7 @@ def test_sigma_is_what_each_source_alone_does(name, source: Source, rng):
     np.testing.assert_allclose(rms, 1.0, atol=4.0 / np.sqrt(2.0 * runs))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", STATES_SIGMA)
 def test_covariance_is_that_of_the_errors_as_a_whole(name, rng):
     """Normalised error squared: mean 3, sd sqrt(6), so that correlations count too, with landmarks shared by images."""

@@ -85,6 +85,7 @@ def test_images_come_in_the_order_of_their_epochs(rng):
         drifting(replace(table, epoch_s=None), C_EK_TRUE)
 
 
+@pytest.mark.slow
 def test_a_drifting_mounting_is_followed_with_an_honest_sigma(rng):
     """Random walk of 1.5 arcsec/sqrt(s) over 8 images 30 s apart: error / sigma of the last image has rms 1 per axis,
     and is smaller than that of an estimate which takes the mounting as constant."""
@@ -122,6 +123,7 @@ def test_a_prior_of_its_own_counts_in_the_answer():
     assert np.abs(so3.log(held.C_EK @ MODEL.mT)).max() < 1e-3 * ARCSEC
 
 
+@pytest.mark.slow
 def test_landmarks_seen_again_are_not_new_information(rng):
     """Place errors of 30 m rule over images of one marker set: the stated sigma holds, while the filter that takes
     every sighting for a landmark of its own states less than half of its error."""
