@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from dataclasses import replace
 
 import numpy as np
@@ -20,6 +21,7 @@ from starplumb.plan import marker_layout as layout
 from starplumb.plan import passes
 from starplumb.plan.error_catalogue import Tracker, fused_axes
 from starplumb.plan.error_sources import Distribution, Effect, combine
+from starplumb.plan.scenario import Scenario
 from starplumb.table.equation import residual_px
 from starplumb.table.simulate import measure
 
@@ -409,3 +411,56 @@ def test_sources_module_combines_fields_by_adding(write, rng):
     one = sources.draw(scenario.truth, scenario.sources, rng, (2,))
     assert one.alpha_E.shape == (2, 5, 3)
     assert one.tangent.shape == (2, scenario.truth.n, 2)
+
+
+# -- from Python ------------------------------------------------------------------------------------------------------
+
+
+def test_a_dictionary_is_the_same_scenario_as_its_file(write):
+    """Also with tuples and arrays in place of TOML's lists."""
+    path = write(more=EVERY)
+    document = tomllib.loads(path.read_text("utf-8"))
+    document["markers"] |= {"count": (3, 2), "extent_km": np.array([12.0, 10.0])}
+    document["truth"]["pixel"]["sigma_px"] = np.float64(0.3)
+    document["passes"] = tuple(document["passes"])
+    assert load_scenario(document).digest == load_scenario(path).digest
+
+
+def test_a_shipped_name_is_the_same_scenario_as_its_file():
+    assert load_scenario("two-images").digest == load_scenario(shipped_scenarios()["two-images"]).digest
+
+
+def test_mistakes_in_a_dictionary_are_those_of_a_file(write):
+    path = write(("altitude_km = 500.0", 'altitude_km = "high"'), ("sigma_px = 0.3", "sigma_pix = 0.3"))
+    with pytest.raises(InputError) as of_file:
+        load_scenario(path)
+    with pytest.raises(InputError) as of_dictionary:
+        load_scenario(tomllib.loads(path.read_text("utf-8")))
+    assert str(of_dictionary.value) == str(of_file.value).replace(str(path), "scenario")
+    with pytest.raises(InputError, match=r"^scenario: orbit: found a perigee"):
+        load_scenario(tomllib.loads(SMALL.replace("altitude_km = 500.0", "altitude_km = 50.0")))
+
+
+def test_files_of_a_dictionary_stand_in_the_given_folder(tmp_path):
+    (tmp_path / "marks.csv").write_text(
+        "landmark_id,latitude_deg,longitude_deg,height_m,sigma_m\nA,43.5,4.9,0,1\nB,43.51,4.92,9,1\n"
+    )
+    document = tomllib.loads(SMALL)
+    document["markers"] = {"layout": "file", "file": tmp_path.joinpath("marks.csv").name}
+    assert load_scenario(document, tmp_path).truth.n_landmarks == 2
+    with pytest.raises(InputError, match=r"^marks\.csv: "):
+        load_scenario(document)
+
+
+def test_a_scenario_from_plain_objects_is_that_of_its_file(write):
+    """The campaign and the sources that the file describes, put together by hand."""
+    read = load_scenario(write(more='[stated]\nomit = ["gps"]\nfactor = { tracker = 0.5 }\n'))
+    made = Scenario.of(
+        read.campaign, read.sources, omit=["gps"], factor={"tracker": 0.5}, initial=read.initial
+    )
+    assert made.digest == read.digest
+    assert made.name == "small"
+    start = Scenario.of(read.campaign, read.sources)
+    assert start.model_is_true
+    assert start.prior_E is None
+    assert np.array_equal(start.initial.sigma, np.zeros(3))

@@ -48,7 +48,7 @@ def budget(
 
       starplumb budget scenario.toml --methods gls,wahba --out study
     """
-    from ..io.scenario.read import find_scenario, load_scenario
+    from ..io.scenario.read import load_scenario
     from ..io.text.write import json_text, publish
     from ..physics.units import ARCSEC
     from ..study.budget_document import document
@@ -56,7 +56,7 @@ def budget(
 
     speak = Output(json, quiet, verbose)
     found = document(
-        load_scenario(find_scenario(scenario)),
+        load_scenario(scenario),
         chosen_estimators(methods),
         None if target is None else target * ARCSEC,
     )

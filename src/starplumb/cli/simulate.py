@@ -73,14 +73,14 @@ def simulate(
       starplumb simulate scenario.toml --precision 0.02 --methods gls,wahba,observer --out study
     """
     from ..io.results.samples import choose as choose_samples
-    from ..io.scenario.read import find_scenario, load_scenario
+    from ..io.scenario.read import load_scenario
     from ..study.monte_carlo import Study
     from ..study.run import choose
 
     speak = Output(json, quiet, verbose)
     format = choose_samples(samples) if out is not None else "none"
     study = Study(
-        load_scenario(find_scenario(scenario)),
+        load_scenario(scenario),
         chosen_estimators(methods),
         _checked_seed(seed),
         _number_of_trials(trials, precision),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from functools import cached_property
 from hashlib import sha256
@@ -14,7 +15,7 @@ from ..physics import so3
 from ..physics.earth import C_JT, itrf_to_geodetic
 from ..table.campaign import Campaign
 from ..table.equation import Linearised, linearise
-from ..table.geometry import locate
+from ..table.geometry import locate, observe
 from ..table.observations import Observations
 from .error_sources import Distribution, Source, state
 
@@ -45,6 +46,34 @@ class Scenario:
     sources: tuple[Source, ...]
     stated_sources: tuple[Source, ...]
     initial: Initial
+
+    @classmethod
+    def of(
+        cls,
+        campaign: Campaign,
+        sources: Sequence[Source],
+        *,
+        omit: Iterable[str] = (),
+        factor: Mapping[str, float] | None = None,
+        initial: Initial | None = None,
+        description: str = "",
+    ) -> Scenario:
+        """A scenario from plain objects: a true ``campaign`` (its series, survey and pixels without error, its ``C_EK``
+        the true mounting, as :mod:`starplumb.plan.scene` makes them) and the errors that its measurements have
+        (:mod:`starplumb.plan.error_catalogue`).
+
+        ``omit`` names sources that the estimators do not know of; ``factor`` is stated over true sigma by name.
+        Blunders are never stated.  Without ``initial`` every trial starts from the true mounting.
+        """
+        left_out, factors = set(omit), dict(factor or {})
+        stated = tuple(
+            source.scaled(factors.get(source.name, 1.0))
+            for source in sources
+            if source.name not in left_out and not source.is_blunder
+        )
+        start = Initial(np.zeros(3)) if initial is None else initial
+        truth = observe(campaign)
+        return cls(campaign.name, description, campaign, truth, campaign.C_EK, tuple(sources), stated, start)
 
     @cached_property
     def model(self) -> Linearised:

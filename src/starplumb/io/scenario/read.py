@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from importlib.resources import files as package_files
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,14 +62,37 @@ def find_scenario(name: str) -> Path:
     )
 
 
-def load_scenario(path: Path) -> Scenario:
-    """The scenario of a TOML file.  Raises InputError, one line with all that is wrong."""
-    config = check(read_toml(path), ScenarioConfig, path)
+def load_scenario(source: Mapping[str, Any] | Path | str, folder: Path | None = None) -> Scenario:
+    """The scenario of a TOML file, of a shipped name, or of a dictionary with the keys of such a file.
+
+    A name is looked up as :func:`find_scenario` does.  A dictionary may hold tuples, NumPy arrays and paths; files that
+    it names stand relative to ``folder`` (left out: the working directory; for a file: its own folder).  The checks and
+    their sentences are the same for all three.  Raises InputError, one line with all that is wrong.
+    """
+    if isinstance(source, Mapping):
+        name, document = Path("scenario"), plain(source)
+        folder = Path() if folder is None else folder
+    else:
+        name = find_scenario(source) if isinstance(source, str) else source
+        document, folder = read_toml(name), name.parent if folder is None else folder
+    config = check(document, ScenarioConfig, name)
     try:
-        return build(config, path.parent)
+        return build(config, folder)
     except InputError as error:
-        text = str(error)
-        raise error if text.startswith(str(path.parent)) else InputError(f"{path}: {text}") from None
+        named = (config.orbit.file, config.camera.look_angles, config.markers.file)
+        says_file = str(error).startswith(tuple(str(folder / file) for file in named if file is not None))
+        raise error if says_file else InputError(f"{name}: {error}") from None
+
+
+def plain(value: Any) -> Any:
+    """The value as TOML knows it: dictionaries, lists, and Python's own numbers and strings."""
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        return plain(value.tolist())
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    return str(value) if isinstance(value, Path) else value
 
 
 def build(config: ScenarioConfig, folder: Path) -> Scenario:
@@ -82,20 +107,19 @@ def build(config: ScenarioConfig, folder: Path) -> Scenario:
             f"markers: found {campaign.sightings.image.size} in the images, wanted two sightings or more "
             "(their extent may pass the frame)"
         )
-    flight = Flight(observe(campaign), campaign, pass_of_image)
-    sources = error_sources(config, flight)
-    omit, factor = set(config.stated.omit), config.stated.factor
-    told = tuple(
-        source.scaled(factor.get(source.name, 1.0))
-        for source in sources
-        if source.name not in omit and not source.is_blunder
-    )
+    sources = error_sources(config, Flight(observe(campaign), campaign, pass_of_image))
     start = config.initial
     initial = Initial(ARCSEC * np.array(start.sigma_arcsec), Distribution(start.distribution), start.stated)
     if initial.stated and not np.all(initial.sigma > 0.0):
         raise InputError("initial.sigma_arcsec: found a sigma of 0 stated as a prior, wanted positive ones")
-    general = config.scenario
-    return Scenario(general.name, general.description, campaign, flight.truth, C_EK, sources, told, initial)
+    return Scenario.of(
+        campaign,
+        sources,
+        omit=config.stated.omit,
+        factor=config.stated.factor,
+        initial=initial,
+        description=config.scenario.description,
+    )
 
 
 def _camera(config: ScenarioConfig, folder: Path) -> Camera:
