@@ -24,3 +24,12 @@ def shared_data() -> Path:
     if not folder.is_dir():
         pytest.skip(f"real products not found at {folder}")
     return folder
+
+
+@pytest.fixture(scope="session")
+def shared_cases() -> Path:
+    """Folder of small inputs that once went wrong; tests that need it skip where it is missing."""
+    folder = SHARED / "cases"
+    if not folder.is_dir():
+        pytest.skip(f"cases not found at {folder}")
+    return folder

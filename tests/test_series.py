@@ -9,11 +9,14 @@ from scipy.interpolate import CubicHermiteSpline, KroghInterpolator
 from scipy.spatial.transform import Rotation, Slerp
 
 from problems import UniformEarth
+from starplumb.io.campaign.read import load_campaign
+from starplumb.io.formats.sp3 import read_sp3
 from starplumb.physics import so3
 from starplumb.physics.earth import OMEGA_EARTH
 from starplumb.physics.errors import EpochError, InputError
 from starplumb.physics.series import Attitude, Bursts, Ephemeris
 from starplumb.physics.units import ARCSEC, DEG
+from starplumb.table.geometry import locate
 
 EPOCH_NS = 600_000_000 * 1_000_000_000
 GM, J2, RE = 3.986004418e14, 1.0826359e-3, 6378136.6
@@ -214,9 +217,65 @@ def test_velocities_in_other_units_or_axes_are_noticed(flight):
         Ephemeris(ns(samples), r, v + np.cross([0, 0, OMEGA_EARTH], r))
 
 
-def test_sixty_second_samples_are_not_mistaken_for_wrong_velocities(flight):
-    samples = np.arange(0, 1201, 60.0)
-    Ephemeris(ns(samples), *flight(samples))
+STEPS_AND_SPANS = [
+    (0.125, 2.0),
+    (1.0, 5.0),
+    (10.0, 10.0),
+    (60.0, 60.0),
+    (60.0, 1800.0),
+    (300.0, 600.0),
+    (900.0, 900.0),
+]
+
+
+@pytest.mark.parametrize(("step", "span"), STEPS_AND_SPANS)
+def test_velocities_are_held_against_positions_at_any_step_and_span(flight, step, span):
+    """Two samples a minute apart are enough, and fifteen minutes between them are not too much."""
+    samples = np.arange(0, span + 0.5 * step, step)
+    r, v = flight(samples)
+    Ephemeris(ns(samples), r, v)
+    with pytest.raises(InputError, match=r"\(they are 0\.1 times that motion: another unit\?\)"):
+        Ephemeris(ns(samples), r, 0.1 * v)
+    with pytest.raises(
+        InputError, match=r"\(they look like inertial velocities, turned into the axes of the"
+    ):
+        Ephemeris(ns(samples), r, v + np.cross([0, 0, OMEGA_EARTH], r))
+    turned = np.stack([v[:, 1], -v[:, 0], v[:, 2]], axis=-1)
+    with pytest.raises(InputError, match=r"by [0-9]{3,5} m/s; wanted m/s"):
+        Ephemeris(ns(samples), r, turned)
+
+
+@pytest.mark.parametrize("step", [1.0, 10.0, 60.0])
+def test_ten_metres_of_noise_are_not_mistaken_for_wrong_velocities(flight, step, rng):
+    samples = np.arange(0, 601, step)
+    r, v = flight(samples)
+    noise = 10.0 * rng.standard_normal(r.shape)
+    Ephemeris(ns(samples), r + noise, v + 0.1 * rng.standard_normal(v.shape))
+
+
+def test_one_wrong_velocity_among_many_is_not_a_wrong_unit(flight):
+    samples = np.arange(0, 601, 60.0)
+    r, v = flight(samples)
+    v[4] *= 10.0
+    Ephemeris(ns(samples), r, v)
+
+
+@pytest.mark.parametrize("case", ["right", "inertial", "tenth"])
+def test_orbits_with_right_and_wrong_velocities(shared_cases, case):
+    campaign = shared_cases / "velocity" / case / "campaign.toml"
+    if case != "right":
+        with pytest.raises(InputError, match=r"ephemeris\.csv: the velocities differ from the motion of the"):
+            load_campaign(campaign)
+        return
+    loaded = load_campaign(campaign).campaign
+    place = locate(loaded, loaded.C_EK, np.array([0]), 500.0, 500.0)
+    np.testing.assert_allclose(place[0], [5091722.2, -652912.6, 3772635.7], atol=0.1)
+
+
+def test_velocities_of_an_sp3_file_in_metres_per_second(shared_cases):
+    table = read_sp3(shared_cases / "sp3" / "doris_ms.sp3")
+    with pytest.raises(InputError, match=r"they are 0\.1 times that motion: another unit\?"):
+        Ephemeris(table.t_ns, table.r, table.v)
 
 
 STEP_ANGLES = [0.02 * ARCSEC, 2 * ARCSEC, 200 * ARCSEC, DEG, 60 * DEG]
