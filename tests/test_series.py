@@ -236,9 +236,8 @@ def test_velocities_are_held_against_positions_at_any_step_and_span(flight, step
     Ephemeris(ns(samples), r, v)
     with pytest.raises(InputError, match=r"\(they are 0\.1 times that motion: another unit\?\)"):
         Ephemeris(ns(samples), r, 0.1 * v)
-    with pytest.raises(
-        InputError, match=r"\(they look like inertial velocities, turned into the axes of the"
-    ):
+    likely = r" \(they look like inertial velocities, turned into the axes of the" if step < 900.0 else ";"
+    with pytest.raises(InputError, match=rf"by [0-9]{{3}} m/s{likely}"):
         Ephemeris(ns(samples), r, v + np.cross([0, 0, OMEGA_EARTH], r))
     turned = np.stack([v[:, 1], -v[:, 0], v[:, 2]], axis=-1)
     with pytest.raises(InputError, match=r"by [0-9]{3,5} m/s; wanted m/s"):
