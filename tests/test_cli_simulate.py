@@ -51,11 +51,11 @@ def test_precision_chooses_the_trials():
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["--trials", "10", "--precision", "0.1"], "--precision: found beside --trials"),
+        (["--trials", "10", "--precision", "0.1"], "precision: found beside trials"),
         (["--trials", "10", "--methods", "glss"], "did you mean gls"),
-        (["--trials", "10", "--methods", ","], "--methods: found none"),
+        (["--trials", "10", "--methods", ","], "methods: found none"),
         (["--trials", "10", "--samples", "csv", "--out", "x"], "--samples: found 'csv'"),
-        (["--trials", "10", "--seed", str(2**64)], "--seed: found"),
+        (["--trials", "10", "--seed", str(2**64)], "seed: found"),
     ],
 )
 def test_a_mistake_is_one_sentence(arguments, said):

@@ -150,13 +150,10 @@ def test_contrast_is_that_of_wcag_aa(theme):
 
 PROGRAM = """
 import hashlib
-from starplumb.judge.calibrate import calibrate
-from starplumb.cli.app import app
-from starplumb.plan.demo import demo
 from starplumb.estimators.gls import Gls
-from starplumb.estimators.selfcal import SelfCalibration
-from starplumb.estimators.wahba import Wahba
 from starplumb.io.results.result import result_document
+from starplumb.judge.calibrate import calibrate
+from starplumb.plan.demo import demo
 from starplumb.report import calibration_page
 done = calibrate(demo("line-scan", 2, 3)[0], Gls())
 document = result_document(done, "gls", ("camera", "tracker"), {}, {})

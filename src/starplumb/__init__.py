@@ -30,3 +30,39 @@ Shapes. Leading axes are the batch, trailing axes the object; ``()`` is one run.
 from __future__ import annotations
 
 __version__ = "0.1.0"
+
+_DOOR = {
+    "AlignmentFailed": "physics.errors",
+    "Budget": "session.budget",
+    "Campaign": "session.campaign",
+    "Comparison": "session.comparison",
+    "Diagnosis": "session.diagnosis",
+    "InputError": "physics.errors",
+    "Result": "session.result",
+    "Scenario": "session.scenario",
+    "Study": "session.study",
+    "budget": "session.budget",
+    "calibrate": "session.calibration",
+    "compare": "session.comparison",
+    "demo": "session.campaign",
+    "diagnose": "session.diagnosis",
+    "locate": "session.location",
+    "read_campaign": "session.campaign",
+    "scenario": "session.scenario",
+    "simulate": "session.study",
+}
+"""What a user imports and the module that has it, loaded when it is first asked for; ``__init__.pyi`` has the types."""
+
+
+def __getattr__(name: str) -> object:
+    if name not in _DOOR:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from importlib import import_module
+
+    found = getattr(import_module(f".{_DOOR[name]}", __name__), name)
+    globals()[name] = found
+    return found
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_DOOR})

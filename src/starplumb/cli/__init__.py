@@ -24,5 +24,7 @@ def main() -> None:
 
 
 def _complain(error: Exception) -> None:
-    text = " ".join(str(error).split())
+    from ..physics.errors import ArgumentError
+
+    text = " ".join((error.as_option if isinstance(error, ArgumentError) else str(error)).split())
     print(f"starplumb: {text}", file=sys.stderr)

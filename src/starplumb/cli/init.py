@@ -33,21 +33,16 @@ def init(
 
       starplumb init demo && starplumb calibrate demo/campaign.toml
     """
-    from ..io.campaign.write import write_campaign
     from ..physics.errors import InputError
-    from ..plan.demo import demo
+    from ..session.campaign import write_demo
 
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise InputError(f"{folder}: found something there already, wanted a new or empty folder")
-    campaign, C_EK_true = demo(camera.value, images, seed)
-    write_campaign(folder, campaign, C_EK_true=C_EK_true)
+    path, data = write_demo(folder, camera.value, images, seed)
     speak = Output(json, quiet, verbose)
-    path = folder / "campaign.toml"
-    speak.document(
-        {"campaign": str(path), "images": images, "observations": int(campaign.sightings.image.size)}
-    )
+    speak.document({"campaign": str(path), "images": images, "observations": int(data.sightings.image.size)})
     speak.detail(*(f"wrote {file}" for file in sorted(folder.iterdir())))
     speak.show(
-        f"wrote {path}: {images} images of {len(campaign.landmarks.ids)} markers, the true mounting known",
+        f"wrote {path}: {images} images of {len(data.landmarks.ids)} markers, the true mounting known",
         f"next: starplumb calibrate {path}",
     )

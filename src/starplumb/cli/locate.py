@@ -66,17 +66,10 @@ def locate(
       starplumb locate demo/campaign.toml --image image01 \\
         --grid ground.npy --every 100
     """
-    import numpy as np
-
-    from ..io.campaign.read import load_campaign
-    from ..io.gis.heights import surface
     from ..physics.errors import InputError
-    from .located import View, single_pixel, whole_image
+    from ..session.campaign import read_campaign
+    from ..session.location import place, view_of, write_grid
 
-    if height_m is not None and not np.isfinite(height_m):
-        raise InputError(f"--height-m: found {height_m}, wanted a finite number")
-    if height_m is not None and dem is not None:
-        raise InputError("--height-m: found beside --dem, wanted only one of the two")
     pixel = None if column is None or row is None else (column, row)
     if (pixel is None) == (grid is None):
         raise InputError(
@@ -85,14 +78,18 @@ def locate(
             + " --grid, wanted one"
         )
     speak = Output(json, quiet, verbose)
-    loaded = load_campaign(campaign, with_detections=True)
-    below = None if dem is None else surface(dem, None if heights is None else heights.value, geoid)
-    view = View.of(campaign, loaded, image, result, below, height_m or 0.0)
+    found = read_campaign(campaign)
+    view = view_of(found, result, image, height_m, dem, None if heights is None else heights.value, geoid)
     if grid is not None:
-        document, lines, details = whole_image(view, grid, every, rows, speak)
+        written = write_grid(
+            view, grid, every, rows, lambda blocks, total: speak.watched(blocks, "Locating", total)
+        )
+        speak.notices(found.notices)
+        speak.document(written.document)
+        speak.shown(written)
     elif pixel is not None:
-        document, lines, details = single_pixel(view, pixel, sigma_px, sigma_height_m)
-    speak.notices(loaded.notices)
-    speak.document(document)
-    speak.show(*lines)
-    speak.detail(*details)
+        where = place(view, pixel, sigma_px, sigma_height_m)
+        speak.notices(found.notices)
+        speak.document(where.document)
+        speak.shown(where)
+        speak.detail(*where.details)

@@ -12,6 +12,10 @@ import typer
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
+    from rich.table import Table
+
+    from ..report.page import Table as Cells
+    from ..session.show import Shown
 
 Json = Annotated[
     bool, typer.Option("--json", help="Print the result as JSON on standard output, nothing else.")
@@ -47,6 +51,11 @@ class Output:
         if not (self.json or self.quiet):
             self.console.print(*parts, sep="\n")
 
+    def shown(self, thing: Shown, *sentences: str) -> None:
+        """The tables and sentences of an object, and further sentences."""
+        if not (self.json or self.quiet):
+            self.show(*map(drawn, thing.tables), *thing.sentences, *sentences)
+
     def detail(self, *parts: RenderableType) -> None:
         if self.verbose:
             self.show(*parts)
@@ -70,3 +79,23 @@ class Output:
         console = Console(stderr=True)
         silent = self.quiet or not console.is_terminal
         return track(items, doing, total=total, console=console, transient=True, disable=silent)
+
+
+def drawn(cells: Cells) -> Table:
+    """A small table with lines; one whose cells have several lines is drawn open, with room between its rows."""
+    from rich import box
+    from rich.table import Table
+
+    several = any("\n" in cell for row in cells.rows for cell in row)
+    open_style: dict[str, Any] = {"box": box.SIMPLE_HEAD, "leading": 1, "pad_edge": False} if several else {}
+    table = Table(title=cells.caption, title_justify="left", **open_style)
+    for i, heading in enumerate(cells.head):
+        text = i < cells.text_columns
+        table.add_column(
+            heading, justify="left" if text else "right", overflow="fold" if text else "ellipsis"
+        )
+    for i, row in enumerate(cells.rows):
+        if cells.totals and i == len(cells.rows) - cells.totals:
+            table.add_section()
+        table.add_row(*row)
+    return table

@@ -4,20 +4,16 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from .output import Json, Output, Quiet, Verbose
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
     from ..study.monte_carlo import Study
-    from ..study.run import Scheduler
-    from ..study.store import Store
 
 
 def simulate(
@@ -72,92 +68,49 @@ def simulate(
 
       starplumb simulate scenario.toml --precision 0.02 --methods gls,wahba,observer --out study
     """
-    from ..io.results.samples import choose as choose_samples
-    from ..io.scenario.read import load_scenario
-    from ..study.monte_carlo import Study
-    from ..study.run import choose
+    from ..session.scenario import scenario as read
+    from ..session.study import simulate as run
 
     speak = Output(json, quiet, verbose)
-    format = choose_samples(samples) if out is not None else "none"
-    study = Study(
-        load_scenario(scenario),
-        chosen_estimators(methods),
-        _checked_seed(seed),
-        _number_of_trials(trials, precision),
-        chunk,
-        keep_samples=format != "none",
+
+    def watched(plan: Study) -> AbstractContextManager[Callable[[int], None]]:
+        speak.detail(f"{plan.trials} trials in {plan.chunks} chunks of {plan.chunk}")
+        return _resumable(plan.trials, out, quiet)
+
+    study = run(
+        read(scenario),
+        trials,
+        seed,
+        methods,
+        precision=precision,
+        workers=workers,
+        scheduler=scheduler,
+        chunk=chunk,
+        out=out,
+        samples=samples,
+        watched=watched,
     )
-    speak.detail(f"{study.trials} trials in {study.chunks} chunks of {study.chunk}")
-    with _store(study, out) as store:
-        _run(store, choose(workers, scheduler, study.chunks), quiet)
-        document = _publish(store, out, format, speak)
-    speak.document(document)
-    speak.show(*_tables(document), *_sentences(document))
-    if out is not None:
-        speak.show(f"written: {out}")
-
-
-def _number_of_trials(trials: int | None, precision: float | None) -> int:
-    from ..physics.errors import InputError
-    from ..study.statistics import trials_for
-
-    if trials is not None and precision is not None:
-        raise InputError("--precision: found beside --trials, wanted only one of the two")
-    return trials if trials is not None else trials_for(0.01 if precision is None else precision)
-
-
-def _checked_seed(seed: int) -> int:
-    from ..physics.errors import InputError
-
-    if seed >= 2**64:
-        raise InputError(f"--seed: found {seed}, wanted a whole number below 2^64")
-    return seed
-
-
-def chosen_estimators(names: str) -> dict[str, Any]:
-    """Estimators by their names, with commas between them."""
-    from ..estimators import METHODS
-    from ..io.text.files import nearest
-    from ..physics.errors import InputError
-
-    chosen = {}
-    for name in filter(None, (part.strip() for part in names.split(","))):
-        if name not in METHODS:
-            near = nearest(name, METHODS)
-            hint = f" (did you mean {near}?)" if near else ""
-            raise InputError(f"--methods: found {name!r}, wanted some of {', '.join(METHODS)}{hint}")
-        chosen[name] = METHODS[name]()
-    if not chosen:
-        raise InputError(f"--methods: found none, wanted some of {', '.join(METHODS)}")
-    return chosen
+    speak.document(study.document)
+    speak.shown(study.summary(), *([] if out is None else [f"written: {out}"]))
 
 
 @contextmanager
-def _store(study: Study, out: Path | None) -> Iterator[Store]:
-    """Where chunks are kept: beside the results, or nowhere for longer than the command."""
-    from tempfile import TemporaryDirectory
-
-    from ..study.store import Store
-
-    if out is not None:
-        yield Store.open(out / "chunks", study)
-        return
-    with TemporaryDirectory(prefix="starplumb-") as folder:
-        yield Store.open(Path(folder), study)
-
-
-def _run(store: Store, scheduler: Scheduler, quiet: bool) -> None:
-    """Run what is missing; on Ctrl-C say what is kept."""
-    from ..study.run import run
-
+def _resumable(trials: int, out: Path | None, quiet: bool) -> Iterator[Callable[[int], None]]:
+    """The progress bar; on Ctrl-C say what is kept."""
+    kept = 0
     try:
-        with _progress(store.study.trials, quiet) as done:
-            run(store, scheduler, done)
+        with _progress(trials, quiet) as done:
+
+            def count(more: int) -> None:
+                nonlocal kept
+                kept += more
+                done(more)
+
+            yield count
     except KeyboardInterrupt:
-        kept = store.study.trials - sum(store.study.count(c) for c in store.missing())
-        if not quiet:
+        if out is not None and not quiet:
             print(
-                f"starplumb: {kept} of {store.study.trials} trials are finished and kept in {store.folder}; "
+                f"starplumb: {kept} of {trials} trials are finished and kept in {out / 'chunks'}; "
                 "the same command with the same --out resumes them",
                 file=sys.stderr,
             )
@@ -192,61 +145,3 @@ def _progress(trials: int, quiet: bool) -> Iterator[Callable[[int], None]]:
             bar.update(task, rate="" if speed is None else f"{speed:.0f}/s")
 
         yield done
-
-
-def _publish(store: Store, out: Path | None, format: Any, speak: Output) -> dict[str, Any]:
-    """Write the results, if they are wanted, and return summary.json."""
-    from ..io.results.samples import write_samples
-    from ..io.text.write import json_text, publish
-    from ..report import simulation_page
-    from ..study.figures import figures
-    from ..study.summary import summarise
-
-    document: dict[str, Any] = summarise(store)
-    if out is None:
-        return document
-    if format == "none" and not store.study.keep_samples:
-        speak.detail("no samples are written")
-    write_samples(store, out, format)
-    files = {"summary.json": json_text(document), "report.html": simulation_page(document)}
-    publish(out, files | figures(document))
-    return document
-
-
-def _tables(document: dict[str, Any]) -> Iterator[Table]:
-    """One table for each method."""
-    from rich.table import Table
-
-    for name, method in document["methods"].items():
-        table = Table(
-            title=f"{name} in {document['scenario']}, {document['trials']} trials", title_justify="left"
-        )
-        for heading in ("arcsec about", "x", "y", "z"):
-            table.add_column(heading, justify="right" if len(heading) == 1 else "left")
-        axes = method["axes"].values()
-        for label, key in (("mean", "mean_arcsec"), ("sigma", "sigma_arcsec"), ("rms", "rms_arcsec")):
-            table.add_row(label, *(_with_error(axis[key]) for axis in axes))
-        table.add_row("largest", *(_number(axis["max_arcsec"]) for axis in axes))
-        table.add_row("stated sigma", *(_number(axis["stated_sigma_arcsec"]) for axis in axes))
-        table.add_row("error / stated", *(_with_error(axis["error_over_stated"]) for axis in axes))
-        table.add_row("rms / Cramer-Rao bound", *(_with_error(axis["rmse_over_bound"]) for axis in axes))
-        yield table
-
-
-def _number(value: float | None) -> str:
-    return "-" if value is None else f"{value:.4g}"
-
-
-def _with_error(interval: dict[str, Any] | None) -> str:
-    if interval is None or interval["value"] is None:
-        return "-"
-    return f"{interval['value']:.4g} ± {0.5 * (interval['high'] - interval['low']):.2g}"
-
-
-def _sentences(document: dict[str, Any]) -> Iterator[str]:
-    for name, method in document["methods"].items():
-        ce90 = method["ground"]["ce90_m"]
-        if ce90 is not None:
-            yield f"{name}: CE90 on the ground {ce90['value']:.4g} m (alignment error alone, centres of the images)"
-        for sentence in method["verdict"]:
-            yield f"{name}: {sentence}"

@@ -11,6 +11,19 @@ class InputError(StarplumbError):
     """The input is unusable (exit status 2 of the commands)."""
 
 
+class ArgumentError(InputError):
+    """An argument of a function is unusable; at the command line it is the option of that name."""
+
+    def __init__(self, argument: str, message: str) -> None:
+        super().__init__(f"{argument}: {message}")
+        self.argument = argument
+
+    @property
+    def as_option(self) -> str:
+        """The text with the argument written as an option."""
+        return f"--{self.argument.replace('_', '-')}{str(self).removeprefix(self.argument)}"
+
+
 class EpochError(InputError):
     """An epoch lies outside a series, in one of its gaps, or outside a table of Earth orientation or leap seconds.
 

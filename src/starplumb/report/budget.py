@@ -77,7 +77,7 @@ def _method(name: str, method: Document) -> Section:
     return Section(
         f"method-{name}",
         f"Method {name}",
-        figures=_shares(name, shares),
+        figures=(contributions(name, shares),),
         tables=(Table(f"Budget of {name}", head, rows, text_columns=2),),
         bullets=tuple(str(sentence) for sentence in method["in_words"]),
     )
@@ -91,22 +91,20 @@ def _beside(values: list[float], others: list[list[float]]) -> tuple[str, ...]:
     )
 
 
-def _shares(name: str, shares: list[Document]) -> tuple[Figure, ...]:
+def contributions(name: str, shares: list[Document]) -> Figure:
     """Contributions of those sources that matter."""
     values = np.array([share["contribution_arcsec"] for share in shares], dtype=np.float64)
     large = np.max(values / np.maximum(np.max(values, axis=0), 1e-300), axis=1) > 0.02
     chosen = np.flatnonzero(large)
     worst = [_label(shares[int(np.argmax(values[:, i]))]) for i in range(3)]
     words = f"the largest about x, y, z are {', '.join(worst)}"
-    return (
-        bars(
-            f"shares-{name}",
-            [_label(shares[i]) for i in chosen],
-            [(f"about {axis}", values[chosen, i]) for i, axis in enumerate(AXES)],
-            "sigma by this source alone, arcsec",
-            f"Contributions of the error sources to the alignment error of {name}: {words}.",
-            f"What each source alone contributes to the error of {name}; {words}.",
-        ),
+    return bars(
+        f"shares-{name}",
+        [_label(shares[i]) for i in chosen],
+        [(f"about {axis}", values[chosen, i]) for i, axis in enumerate(AXES)],
+        "sigma by this source alone, arcsec",
+        f"Contributions of the error sources to the alignment error of {name}: {words}.",
+        f"What each source alone contributes to the error of {name}; {words}.",
     )
 
 

@@ -81,7 +81,7 @@ def _sections(c: Calibration, document: Mapping[str, Any]) -> tuple[Section, ...
             "residuals",
             "Residuals in the image and on the ground",
             ("An arrow leads from the measured place to the predicted one.",),
-            figures.residual_vectors(c),
+            figures.all_residual_vectors(c),
         ),
         Section(
             "trends", "Residuals against time, latitude and image", (), figures.trends(c) if usable else ()
@@ -90,7 +90,7 @@ def _sections(c: Calibration, document: Mapping[str, Any]) -> tuple[Section, ...
             "geolocation",
             "Geolocation",
             tables.geolocation_words(c),
-            figures.ground_scatter(c),
+            (figures.ground_scatter(c),) if usable else (),
             tables.geolocation(c),
         ),
         Section("budget", "Error budget", *_budget(c, document)),
@@ -138,4 +138,4 @@ def _budget(c: Calibration, document: Mapping[str, Any]) -> tuple[Any, ...]:
     sentence = (
         f"What limits the alignment most: {listed(f'{name} about {axes}' for name, axes in limits.items())}."
     )
-    return (sentence,), figures.budget(names, shares), tables.budget(names, shares)
+    return (sentence,), (figures.budget(document),), tables.budget(names, shares)

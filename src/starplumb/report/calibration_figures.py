@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,70 +24,84 @@ NAMED_IMAGES = 24
 """So many images are named below an axis; more are counted."""
 
 
-def residual_vectors(c: Calibration) -> tuple[Figure, ...]:
+def residual_vectors(
+    c: Calibration, where: Literal["image", "ground"], when: Literal["before", "after"]
+) -> Figure:
+    """Residuals as arrows over the field of view or over the ground."""
+    r = c.residuals
+    return (_over_the_field if where == "image" else _over_the_ground)(
+        c, when, *((r.after_px, r.after_m) if when == "after" else (r.before_px, r.before_m))
+    )
+
+
+def all_residual_vectors(c: Calibration) -> tuple[Figure, ...]:
     """Over the field of view and over the ground, before and after."""
-    r, s = c.residuals, c.campaign.sightings
-    pixel = np.stack([s.column_px, s.row_px], axis=-1)
-    latitude, longitude, _ = itrf_to_geodetic(c.campaign.landmarks.r_J[s.landmark])
-    place = np.stack([longitude, latitude], axis=-1) / DEG
-    shown = [("before", r.before_px, r.before_m)]
-    if c.status.usable:
-        shown.append(("after", r.after_px, r.after_m))
-    figures = []
-    for when, px, metres in shown:
-        figures.append(
-            vectors(
-                f"field-{when}",
-                pixel,
-                px,
-                ~r.used,
-                ("column, px", "row, px"),
-                "px",
-                f"Residual vectors over the field of view {when} the calibration: {number(rms(px))} px rms per axis.",
-                f"Field of view, {when}: {number(rms(px))} px rms per axis. Orange: not used in the solution.",
-                downwards=True,
-            )
-        )
-        ground = rms(metres[np.all(np.isfinite(metres), axis=-1)])
-        figures.append(
-            vectors(
-                f"ground-{when}",
-                place,
-                metres,
-                ~r.used,
-                ("longitude, deg", "latitude, deg"),
-                "m",
-                f"Residual vectors on the ground {when} the calibration: {length(ground)} rms per axis.",
-                f"Ground, {when}: {length(ground)} rms per axis. Orange: not used in the solution.",
-            )
-        )
-    return tuple(figures)
+    times: tuple[Literal["before", "after"], ...] = ("before", "after") if c.status.usable else ("before",)
+    return tuple(residual_vectors(c, where, when) for when in times for where in ("image", "ground"))
+
+
+def _over_the_field(c: Calibration, when: str, px: Array, _metres: Array) -> Figure:
+    s = c.campaign.sightings
+    return vectors(
+        f"field-{when}",
+        np.stack([s.column_px, s.row_px], axis=-1),
+        px,
+        ~c.residuals.used,
+        ("column, px", "row, px"),
+        "px",
+        f"Residual vectors over the field of view {when} the calibration: {number(rms(px))} px rms per axis.",
+        f"Field of view, {when}: {number(rms(px))} px rms per axis. Orange: not used in the solution.",
+        downwards=True,
+    )
+
+
+def _over_the_ground(c: Calibration, when: str, _px: Array, metres: Array) -> Figure:
+    latitude, longitude, _ = itrf_to_geodetic(c.campaign.landmarks.r_J[c.campaign.sightings.landmark])
+    ground = rms(metres[np.all(np.isfinite(metres), axis=-1)])
+    return vectors(
+        f"ground-{when}",
+        np.stack([longitude, latitude], axis=-1) / DEG,
+        metres,
+        ~c.residuals.used,
+        ("longitude, deg", "latitude, deg"),
+        "m",
+        f"Residual vectors on the ground {when} the calibration: {length(ground)} rms per axis.",
+        f"Ground, {when}: {length(ground)} rms per axis. Orange: not used in the solution.",
+    )
 
 
 def trends(c: Calibration) -> tuple[Figure, ...]:
     """Residuals after the calibration against time, latitude and image, with and without the images' own errors."""
-    time, start = _time(c)
-    latitude = itrf_to_geodetic(c.campaign.landmarks.r_J[c.campaign.sightings.landmark])[0] / DEG
-    ids = c.campaign.images.ids
-    few = len(ids) <= NAMED_IMAGES
-    axes: list[tuple[str, Array, str, Sequence[str]]] = [
-        ("time", time, f"seconds after {start} UTC", ()),
-        ("latitude", latitude, "latitude, deg", ()),
-        (
-            "image",
-            c.observations.image.astype(np.float64),
-            "image" if few else "image, counted from 0",
-            [_short(name) for name in ids] if few else (),
-        ),
-    ]
     return tuple(
-        _trend(f"{name}-{kind}", x, px, label, ticks, f"{words} against {name}")
-        for name, x, label, ticks in axes
-        for kind, px, words in (
-            ("all", c.residuals.after_px, "All that is left"),
-            ("own", c.residuals.fit_px, "Less the errors that images and markers share"),
-        )
+        trend(c, against, shared_errors)
+        for against in ("time", "latitude", "image")
+        for shared_errors in (True, False)
     )
+
+
+def trend(
+    c: Calibration, against: Literal["time", "latitude", "image"], shared_errors: bool = True
+) -> Figure:
+    """Residuals after the calibration against one of the three; ``shared_errors`` says whether the errors that the
+    markers of an image share are still in them."""
+    ids = c.campaign.images.ids
+    ticks: Sequence[str] = ()
+    if against == "time":
+        x, start = _time(c)
+        label = f"seconds after {start} UTC"
+    elif against == "latitude":
+        x = itrf_to_geodetic(c.campaign.landmarks.r_J[c.campaign.sightings.landmark])[0] / DEG
+        label = "latitude, deg"
+    else:
+        few = len(ids) <= NAMED_IMAGES
+        x, label = c.observations.image.astype(np.float64), "image" if few else "image, counted from 0"
+        ticks = tuple(_short(name) for name in ids) if few else ()
+    kind, px, words = (
+        ("all", c.residuals.after_px, "All that is left")
+        if shared_errors
+        else ("own", c.residuals.fit_px, "Less the errors that images and markers share")
+    )
+    return _trend(f"{against}-{kind}", x, px, label, ticks, f"{words} against {against}")
 
 
 def _short(name: str) -> str:
@@ -116,41 +131,37 @@ def _time(c: Calibration) -> tuple[Array, str]:
 
 
 def alignment_ellipses(c: Calibration) -> tuple[Figure, ...]:
-    """The estimate's error about pairs of the tracker's axes."""
+    """The estimate's error about each pair of the tracker's axes."""
+    return tuple(alignment_ellipse(c, pair) for pair in ("xy", "xz", "yz"))
+
+
+def alignment_ellipse(c: Calibration, pair: Literal["xy", "xz", "yz"]) -> Figure:
+    """The estimate's error about two of the tracker's axes."""
     assert c.estimate.covariance_E is not None
-    covariance = c.estimate.covariance_E / ARCSEC**2
-    centre = c.correction_E / ARCSEC
-    sigma = np.sqrt(np.diagonal(covariance))
-    figures = []
-    for i, j in ((0, 1), (0, 2), (1, 2)):
-        part = covariance[np.ix_((i, j), (i, j))]
-        at = centre[[i, j]]
-        correlation = part[0, 1] / np.sqrt(part[0, 0] * part[1, 1])
-        words = (
-            f"about {AXES[i]} {number(sigma[i])}, about {AXES[j]} {number(sigma[j])} arcsec, "
-            f"correlation {coefficient(correlation)}"
-        )
-        figures.append(
-            scatter(
-                f"ellipse-{AXES[i]}{AXES[j]}",
-                (Points("estimate", at[:1], at[1:]),),
-                (f"correction about {AXES[i]}, arcsec", f"correction about {AXES[j]}, arcsec"),
-                f"Error ellipse of the correction about {AXES[i]} and {AXES[j]}: {words}.",
-                f"Error ellipse about {AXES[i]} and {AXES[j]}: {words}.",
-                (
-                    Ellipse("39 % (1 sigma)", at, part, 1.0 - np.exp(-0.5)),
-                    Ellipse("95 %", at, part, 0.95),
-                ),
-                equal=True,
-            )
-        )
-    return tuple(figures)
+    i, j = (AXES.index(axis) for axis in pair)
+    part = c.estimate.covariance_E[np.ix_((i, j), (i, j))] / ARCSEC**2
+    at = c.correction_E[[i, j]] / ARCSEC
+    sigma = np.sqrt(np.diagonal(part))
+    words = (
+        f"about {AXES[i]} {number(sigma[0])}, about {AXES[j]} {number(sigma[1])} arcsec, "
+        f"correlation {coefficient(part[0, 1] / (sigma[0] * sigma[1]))}"
+    )
+    return scatter(
+        f"ellipse-{pair}",
+        (Points("estimate", at[:1], at[1:]),),
+        (f"correction about {AXES[i]}, arcsec", f"correction about {AXES[j]}, arcsec"),
+        f"Error ellipse of the correction about {AXES[i]} and {AXES[j]}: {words}.",
+        f"Error ellipse about {AXES[i]} and {AXES[j]}: {words}.",
+        (
+            Ellipse("39 % (1 sigma)", at, part, 1.0 - np.exp(-0.5)),
+            Ellipse("95 %", at, part, 0.95),
+        ),
+        equal=True,
+    )
 
 
-def ground_scatter(c: Calibration) -> tuple[Figure, ...]:
+def ground_scatter(c: Calibration) -> Figure:
     """East and north errors after the calibration with the ellipse of their scatter."""
-    if not c.status.usable:
-        return ()
     used, check = c.residuals.used, c.campaign.sightings.check
     groups = [
         Points(name, *c.residuals.after_m[chosen].mT)
@@ -164,28 +175,26 @@ def ground_scatter(c: Calibration) -> tuple[Figure, ...]:
         ellipses = [Ellipse("90 % of the control points", np.mean(control, axis=0), spread, 0.9)]
     accuracy = c.accuracy(after=True)
     ce90 = "CE90 not known" if accuracy is None else f"CE90 {length(accuracy.ce90)}"
-    return (
-        scatter(
-            "scatter",
-            groups,
-            ("east, m", "north, m"),
-            f"Geolocation errors east and north after the calibration, {ce90}.",
-            f"Geolocation error of each sighting after the calibration; {ce90} of the control points.",
-            ellipses,
-            equal=True,
-        ),
+    return scatter(
+        "scatter",
+        groups,
+        ("east, m", "north, m"),
+        f"Geolocation errors east and north after the calibration, {ce90}.",
+        f"Geolocation error of each sighting after the calibration; {ce90} of the control points.",
+        ellipses,
+        equal=True,
     )
 
 
-def budget(names: Sequence[str], sigma_arcsec: Array) -> tuple[Figure, ...]:
-    """Share of each source in the sigma about each axis, (sources, 3) arcsec."""
-    return (
-        bars(
-            "budget",
-            names,
-            [(f"about {axis}", sigma_arcsec[:, i]) for i, axis in enumerate(AXES)],
-            "sigma by this source alone, arcsec",
-            "Standard deviation of the alignment about x, y, z by each error source alone.",
-            "What each error source alone contributes to the alignment's sigma.",
-        ),
+def budget(document: Mapping[str, Any]) -> Figure:
+    """Share of each source in the sigma about each axis, of a ``result.json`` that has a budget."""
+    sources = document["budget"]
+    shares = np.array([row["sigma_arcsec"] for row in sources], dtype=np.float64)
+    return bars(
+        "budget",
+        [row["source"] for row in sources],
+        [(f"about {axis}", shares[:, i]) for i, axis in enumerate(AXES)],
+        "sigma by this source alone, arcsec",
+        "Standard deviation of the alignment about x, y, z by each error source alone.",
+        "What each error source alone contributes to the alignment's sigma.",
     )

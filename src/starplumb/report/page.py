@@ -8,27 +8,41 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from .. import __version__
+from .svg import svg_text
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as Drawing
 
 Tone = Literal["good", "fair", "bad"]
 
 
 @dataclass(frozen=True)
 class Figure:
-    """A drawing (an ``<svg>`` element as text), what it shows for those who cannot see it, and its caption."""
+    """A matplotlib figure, what it shows for those who cannot see it, and its caption.
 
-    svg: str
+    ``name`` is its own in the page.
+    """
+
+    drawing: Drawing
+    name: str
     alt: str
     caption: str
+
+    @property
+    def svg(self) -> str:
+        """The drawing as an ``<svg>`` element."""
+        return svg_text(self.drawing, self.name)
 
 
 @dataclass(frozen=True)
 class Table:
     """Cells as text; ``text_columns`` of them are to the left and read as text, the rest are numbers.
 
-    ``marked`` are the rows to set apart (rejected, implausible); ``note`` stands below.
+    ``marked`` are the rows to set apart (rejected, implausible); the last ``totals`` rows sum up the others; ``note``
+    stands below.
     """
 
     caption: str
@@ -37,6 +51,7 @@ class Table:
     text_columns: int = 1
     marked: frozenset[int] = frozenset()
     note: str = ""
+    totals: int = 0
 
 
 @dataclass(frozen=True)

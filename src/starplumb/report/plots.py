@@ -8,13 +8,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .page import Figure
-from .svg import HEIGHT, INK, MUTED, SERIES, drawing, svg_text
+from .svg import GRID, HEIGHT, INK, MUTED, SERIES, drawing
 from .text import number
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -88,7 +92,7 @@ def vectors(
     start, vector, marked = start[chosen], vector[chosen], marked[chosen]
     long = float(np.quantile(length, 0.9)) if length.size else 1.0
     key = _round_down(long)
-    with drawing(4.3) as (figure, axes):
+    with drawing(4.3) as (figure, (axes,)):
         axes.set_xlabel(labels[0])
         axes.set_ylabel(labels[1])
         axes.plot(start[:, 0], start[:, 1], ".", color=MUTED, markersize=2.5)
@@ -110,7 +114,7 @@ def vectors(
         if arrows is not None:
             axes.set_title(" ")  # room for the key
             axes.quiverkey(arrows, 0.72, 1.04, 1.0, f"{number(key, 1)} {unit}", labelpos="E")
-        return Figure(svg_text(figure, name), alt, caption + remark)
+        return Figure(figure, name, alt, caption + remark)
 
 
 def _round_down(x: float) -> float:
@@ -133,7 +137,7 @@ def scatter(
 ) -> Figure:
     """Groups of points, each in its colour and marker, with ellipses; ``ticks`` name the whole numbers of x."""
     remark = ""
-    with drawing(4.1 if equal else HEIGHT) as (figure, axes):
+    with drawing(4.1 if equal else HEIGHT) as (figure, (axes,)):
         axes.set_xlabel(labels[0])
         axes.set_ylabel(labels[1])
         for group, colour, marker in zip(groups, SERIES, MARKERS, strict=False):
@@ -151,7 +155,7 @@ def scatter(
             axes.set_aspect("equal", adjustable="datalim")
         if len(groups) + len(ellipses) > 1:
             figure.legend(loc="outside upper center", ncols=2)
-        return Figure(svg_text(figure, name), alt, caption + remark)
+        return Figure(figure, name, alt, caption + remark)
 
 
 def outline(ellipse: Ellipse) -> Array:
@@ -168,7 +172,7 @@ def bars(
 ) -> Figure:
     """Horizontal bars: one row for each name, in it one bar for each group."""
     thickness = 0.8 / max(len(groups), 1)
-    with drawing(max(2.2, 0.9 + 0.15 * len(rows) * max(len(groups), 1))) as (figure, axes):
+    with drawing(max(2.2, 0.9 + 0.15 * len(rows) * max(len(groups), 1))) as (figure, (axes,)):
         place = np.arange(len(rows), dtype=np.float64)
         for i, (group, values) in enumerate(groups):
             axes.barh(
@@ -180,43 +184,77 @@ def bars(
         axes.grid(visible=False, axis="y")
         if len(groups) > 1:
             figure.legend(loc="outside upper center", ncols=len(groups))
-        return Figure(svg_text(figure, name), alt, caption)
+        return Figure(figure, name, alt, caption)
 
 
-def histogram(
-    name: str, edges: Array, counts: Array, label: str, alt: str, caption: str, sigma: float | None = None
-) -> Figure:
-    """Density of counts (n,) between edges (n + 1,), with that of a centred normal of standard deviation ``sigma``."""
-    density = counts / np.maximum(np.sum(counts) * np.diff(edges), 1e-300)
-    with drawing() as (figure, axes):
-        axes.stairs(density, edges, fill=True, color=SERIES[0], alpha=0.6)
-        if sigma:
-            x = np.linspace(edges[0], edges[-1], 201)
-            normal = np.exp(-0.5 * (x / sigma) ** 2) / (sigma * np.sqrt(2.0 * np.pi))
-            axes.plot(x, normal, color=INK, label="as the stated sigma says")
-            figure.legend(loc="outside upper center")
-        axes.set_xlabel(label)
+@dataclass(frozen=True)
+class Histogram:
+    """Counts (n,) between ``edges`` (n + 1,), and the standard deviation that is stated for them, None for none."""
+
+    name: str
+    label: str
+    edges: Array
+    counts: Array
+    sigma: float | None = None
+
+
+def histogram(h: Histogram, alt: str, caption: str) -> Figure:
+    """Density of counts, with that of a centred normal of the stated standard deviation."""
+    with drawing() as (figure, (axes,)):
+        _density(axes, h)
         axes.set_ylabel("density")
-        return Figure(svg_text(figure, name), alt, caption)
+        if h.sigma:
+            figure.legend(loc="outside upper center")
+        return Figure(figure, h.name, alt, caption)
 
 
-def lines(name: str, groups: Sequence[Points], labels: tuple[str, str], alt: str, caption: str) -> Figure:
-    """Curves over a logarithmic axis."""
-    with drawing() as (figure, axes):
+def histograms(name: str, parts: Sequence[Histogram], alt: str, caption: str) -> Figure:
+    """The same side by side."""
+    with drawing(3.0, 9.0, max(len(parts), 1)) as (figure, all_axes):
+        for axes, h in zip(all_axes, parts, strict=False):
+            _density(axes, h)
+            axes.set_yticks([])
+        if any(h.sigma for h in parts):
+            figure.legend(*all_axes[0].get_legend_handles_labels(), loc="outside upper center")
+        return Figure(figure, name, alt, caption)
+
+
+def _density(axes: Axes, h: Histogram) -> None:
+    density = h.counts / np.maximum(np.sum(h.counts) * np.diff(h.edges), 1e-300)
+    axes.stairs(density, h.edges, fill=True, color=SERIES[0], alpha=0.6)
+    if h.sigma:
+        x = np.linspace(h.edges[0], h.edges[-1], 201)
+        normal = np.exp(-0.5 * (x / h.sigma) ** 2) / (h.sigma * np.sqrt(2.0 * np.pi))
+        axes.plot(x, normal, color=INK, label="as the stated sigma says")
+    axes.set_xlabel(h.label)
+
+
+def lines(
+    name: str,
+    groups: Sequence[Points],
+    labels: tuple[str, str],
+    alt: str,
+    caption: str,
+    band: tuple[Array, Array, Array] | None = None,
+) -> Figure:
+    """Curves over a logarithmic axis; ``band`` (x, low, high) is where they should lie."""
+    with drawing() as (figure, (axes,)):
         axes.set_xscale("log")
         axes.set_xlabel(labels[0])
         axes.set_ylabel(labels[1])
+        if band:
+            axes.fill_between(*band, color=GRID, label="95 % of Gaussian samples")
         for group, colour, marker in zip(groups, SERIES, MARKERS, strict=False):
             axes.plot(group.x, group.y, f"{marker}-", color=colour, markersize=3.0, label=group.name)
-        figure.legend(loc="outside upper center", ncols=len(groups))
-        return Figure(svg_text(figure, name), alt, caption)
+        figure.legend(loc="outside upper center", ncols=2 if band else len(groups))
+        return Figure(figure, name, alt, caption)
 
 
 def intervals(
     name: str, rows: Sequence[Interval], band: tuple[float, float], label: str, alt: str, caption: str
 ) -> Figure:
     """Values with their intervals, one row each, over the band in which they should lie."""
-    with drawing(max(2.0, 0.9 + 0.3 * len(rows))) as (figure, axes):
+    with drawing(max(2.0, 0.9 + 0.3 * len(rows))) as (figure, (axes,)):
         axes.axvspan(*band, color=SERIES[2], alpha=0.2)
         axes.axvline(1.0, color=MUTED, linewidth=0.8)
         for place, row in enumerate(rows):
@@ -225,4 +263,4 @@ def intervals(
         axes.set_yticks(range(len(rows)), [row.name for row in rows])
         axes.invert_yaxis()
         axes.set_xlabel(label)
-        return Figure(svg_text(figure, name), alt, caption)
+        return Figure(figure, name, alt, caption)

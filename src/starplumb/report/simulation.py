@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
-
-from .page import Figure, Page, Section, Table, Tone, render
-from .plots import Interval, Points, histogram, intervals, lines
+from . import simulation_figures as figures
+from .page import Page, Section, Table, Tone, render
 from .text import interval, length, number, triple
 
 Document = Mapping[str, Any]
@@ -30,7 +28,7 @@ def simulation_page(document: Document) -> str:
                 "comparison",
                 "Methods side by side",
                 (str(document["description"]),),
-                _ratios(methods),
+                figures.ratios(methods),
                 _side(document),
             ),
             *(_method(name, method) for name, method in methods.items()),
@@ -96,34 +94,8 @@ def _side(document: Document) -> tuple[Table, ...]:
     return (Table("Accuracy by method", head, rows, note=note),)
 
 
-def _ratios(methods: Mapping[str, Document]) -> tuple[Figure, ...]:
-    """Error over stated sigma of each method and axis, with the band in which it should lie."""
-    rows, band = [], (1.0, 1.0)
-    for name, method in methods.items():
-        for axis in AXES:
-            found = method["axes"][axis]["error_over_stated"]
-            if found is not None:
-                rows.append(Interval(f"{name}, {axis}", found["value"], found["low"], found["high"]))
-                band = (found["band_low"], found["band_high"])
-    if not rows:
-        return ()
-    worst = max(rows, key=lambda row: abs(np.log(max(row.value, 1e-12))))
-    words = f"the farthest from 1 is {number(worst.value)} ({worst.name})"
-    return (
-        intervals(
-            "ratios",
-            rows,
-            band,
-            "error over stated sigma",
-            f"Ratio of the actual error to the stated sigma by method and axis: {words}.",
-            f"Actual error over stated sigma, with 95 % intervals; it should be 1 ({words}). "
-            "Shaded: 95 % of studies of this size.",
-        ),
-    )
-
-
 def _method(name: str, method: Document) -> Section:
-    axes: Mapping[str, Document] = method["axes"]
+    axes, curve = method["axes"], method["convergence"]
     rows = [
         ("mean, arcsec", *(interval(axis["mean_arcsec"]) for axis in axes.values())),
         ("sigma, arcsec", *(interval(axis["sigma_arcsec"]) for axis in axes.values())),
@@ -152,53 +124,16 @@ def _method(name: str, method: Document) -> Section:
             f"{number(nees['band_low'], 4)} and {number(nees['band_high'], 4)} in 95 of 100 studies."
         )
     return Section(
-        f"method-{_slug(name)}",
+        f"method-{figures.slug(name)}",
         f"Method {name}",
         tuple(sentences),
-        (*_histograms(name, axes), *_convergence(name, method["convergence"])),
+        (
+            *figures.histograms_by_axis(name, axes),
+            # of a single chunk there is no curve
+            *((figures.convergence(name, curve),) if len(curve["trials"]) > 1 else ()),
+        ),
         (Table(f"Errors of {name} about the tracker's axes", ("", *AXES), rows),),
         tuple(str(sentence) for sentence in method["verdict"]),
-    )
-
-
-def _slug(name: str) -> str:
-    return "".join(c if c.isalnum() else "-" for c in name)
-
-
-def _histograms(name: str, axes: Mapping[str, Document]) -> tuple[Figure, ...]:
-    drawn = []
-    for axis, found in axes.items():
-        if found["histogram"] is None:
-            continue
-        words = f"errors of {name} about {axis}: rms {number(found['rms_arcsec']['value'])} arcsec"
-        drawn.append(
-            histogram(
-                f"histogram-{_slug(name)}-{axis}",
-                np.array(found["histogram"]["edges_arcsec"], dtype=np.float64),
-                np.array(found["histogram"]["counts"], dtype=np.float64),
-                f"error about {axis}, arcsec",
-                f"Histogram of the {words}.",
-                f"The {words}.",
-                found["stated_sigma_arcsec"],
-            )
-        )
-    return tuple(drawn)
-
-
-def _convergence(name: str, curve: Document) -> tuple[Figure, ...]:
-    """Sigma over its last value as the trials accumulate; nothing to draw of a single chunk."""
-    trials = np.array(curve["trials"], dtype=np.float64)
-    if trials.size < 2:
-        return ()
-    groups = []
-    for axis in AXES:
-        sigma = np.array(curve[f"sigma_{axis}_arcsec"], dtype=np.float64)
-        groups.append(Points(f"about {axis}", trials, sigma / sigma[-1]))
-    words = f"Sigma of {name} over its final value as the trials accumulate"
-    return (
-        lines(
-            f"convergence-{_slug(name)}", groups, ("trials", "sigma / final sigma"), f"{words}.", f"{words}."
-        ),
     )
 
 

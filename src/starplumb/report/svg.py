@@ -1,6 +1,6 @@
-"""Matplotlib drawings as inline SVG that follows the page: its colours are the page's own variables, light or dark.
+"""Matplotlib figures in the report's style, and their SVG, which in a page follows its colours, light or dark.
 
-Figures are drawn in stand-in colours, one for each role; in the text of the SVG these are replaced by CSS variables.
+Figures are drawn in the colours of the light page, one for each role; in a page's SVG these become CSS variables.
 Text stays text (selected, searched, printed sharp); nothing depends on the day, the machine or the process.
 """
 
@@ -16,8 +16,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure as Drawing
 
-INK, MUTED, GRID = "#0a0b01", "#0a0b02", "#0a0b03"
-SERIES = ("#0a0b11", "#0a0b12", "#0a0b13", "#0a0b14")
+INK, MUTED, GRID = "#1b1f24", "#57606a", "#d0d7de"
+SERIES = ("#0b5cad", "#b54708", "#1a7f37", "#7a3fc4")
+"""Those of ``style.css``, light."""
 _VARIABLES = {
     INK: "--ink",
     MUTED: "--muted",
@@ -57,22 +58,26 @@ _STYLE = {
 
 
 @contextmanager
-def drawing(height: float = HEIGHT) -> Iterator[tuple[Drawing, Axes]]:
-    """A figure with one pair of axes, in the report's style while the context lasts."""
+def drawing(
+    height: float = HEIGHT, width: float = WIDTH, columns: int = 1
+) -> Iterator[tuple[Drawing, list[Axes]]]:
+    """A figure with axes side by side, in the report's style while the context lasts."""
     import matplotlib
     from matplotlib.figure import Figure
 
     with matplotlib.rc_context(cast("Any", _STYLE)):
-        figure = Figure(figsize=(WIDTH, height), layout="constrained")
-        yield figure, figure.subplots()
+        figure = Figure(figsize=(width, height), layout="constrained")
+        yield figure, list(figure.subplots(1, columns, squeeze=False)[0])
+
+
+def standalone(figure: Drawing) -> str:
+    """The figure as the text of an SVG file on white ground."""
+    return _saved(figure, facecolor="white")
 
 
 def svg_text(figure: Drawing, name: str) -> str:
     """The figure as an ``<svg>`` element; ``name`` keeps its ids apart from those of other figures in the page."""
-    buffer = io.StringIO()
-    nothing = dict.fromkeys(("Date", "Creator", "Format", "Type"))
-    figure.savefig(buffer, format="svg", metadata=nothing)
-    text = buffer.getvalue()
+    text = _saved(figure)
     text = text[text.index("<svg") :]
     text = re.sub(r"<metadata>.*?</metadata>\s*", "", text, flags=re.DOTALL)
     text = re.sub(r'<svg [^>]*?viewBox="([^"]*)"[^>]*>', _element, text, count=1)
@@ -80,6 +85,16 @@ def svg_text(figure: Drawing, name: str) -> str:
     for colour, variable in _VARIABLES.items():
         text = text.replace(colour, f"var({variable})")
     return text.strip()
+
+
+def _saved(figure: Drawing, **options: Any) -> str:
+    import matplotlib
+
+    buffer = io.StringIO()
+    nothing = dict.fromkeys(("Date", "Creator", "Format", "Type"))
+    with matplotlib.rc_context(cast("Any", _STYLE)):
+        figure.savefig(buffer, format="svg", metadata=nothing, **options)
+    return buffer.getvalue()
 
 
 def _element(found: re.Match[str]) -> str:

@@ -8,7 +8,7 @@ from typing import Any
 from ...identify.labelling import Label, Labels
 from ...physics.errors import InputError
 from ..campaign.read import LoadedCampaign
-from ..text.write import Column
+from ..text.write import Column, csv_text
 from .result import SCHEMA, numbers
 
 LABEL_COLUMNS = ["image_id", "landmark_id", "column_px", "row_px", "sigma_px", "label"]
@@ -40,6 +40,14 @@ def observation_columns(loaded: LoadedCampaign) -> Sequence[Column]:
         s.row_px + loaded.shift_px,
         s.sigma_px,
     ]
+
+
+def label_files(loaded: LoadedCampaign, labels: Labels) -> dict[str, str]:
+    """``labels.csv``: what each detection was matched with; ``observations.csv``: those that have a landmark."""
+    return {
+        "labels.csv": csv_text(LABEL_COLUMNS, label_columns(loaded, labels)),
+        "observations.csv": csv_text(OBSERVATION_COLUMNS, observation_columns(loaded)),
+    }
 
 
 def refused_document(loaded: LoadedCampaign, labels: Labels, method: str) -> dict[str, Any]:

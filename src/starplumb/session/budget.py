@@ -1,0 +1,127 @@
+"""The error budget of a scenario, without sampling."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..physics.units import ARCSEC
+from ..report.page import Table
+from ..study.budget_document import document
+from .calibration import estimators_of
+from .frames import Frame
+from .scenario import Scenario
+from .show import Shown
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from pandas import DataFrame
+
+
+@dataclass(frozen=True, repr=False)
+class Budget(Shown):
+    """What each error source contributes: what :func:`starplumb.budget` returns.  ``document`` is ``budget.json``."""
+
+    document: dict[str, Any]
+
+    @property
+    def frame(self) -> Frame:
+        """A row for each method and component of a source."""
+        rows = [
+            (name, *_label(share), *share["contribution_arcsec"])
+            for name, method in self.document["methods"].items()
+            for share in method["sources"]
+        ]
+        names = (
+            "method",
+            "source",
+            "component",
+            "sigma",
+            "unit",
+            *(f"contribution_{a}_arcsec" for a in "xyz"),
+        )
+        return Frame("Budget", names, tuple(list(column) for column in zip(*rows, strict=True)))
+
+    def to_frame(self) -> DataFrame:
+        """A row for each method and component of a source, as a pandas data frame."""
+        return self.frame.to_frame()
+
+    def plot(self, method: str | None = None) -> Figure:
+        """What each source alone contributes to the error of a method, by default the first."""
+        from ..report.budget import contributions
+
+        name = method or next(iter(self.document["methods"]))
+        return contributions(name, self.document["methods"][name]["sources"]).drawing
+
+    def save(self, folder: str | Path) -> None:
+        """Write ``budget.json`` and ``report.html``."""
+        from ..io.text.write import json_text, publish
+        from ..report import budget_page
+
+        files = {"budget.json": json_text(self.document), "report.html": budget_page(self.document)}
+        publish(Path(folder), files)
+
+    @property
+    def tables(self) -> Sequence[Table]:
+        return [_table(name, self.document, method) for name, method in self.document["methods"].items()]
+
+    @property
+    def sentences(self) -> Sequence[str]:
+        return list(_sentences(self.document))
+
+
+def budget(
+    scenario: Scenario, methods: Sequence[str] | str = "gls", target_arcsec: float | None = None
+) -> Budget:
+    """Split the error of the alignment by its sources.
+
+    With ``target_arcsec``, the wanted sigma about each axis, also what each source must shrink to.
+    """
+    target = None if target_arcsec is None else target_arcsec * ARCSEC
+    return Budget(document(scenario.data, estimators_of(methods), target))
+
+
+def _label(share: dict[str, Any]) -> tuple[str, str, float, str]:
+    """Source, component, sigma and its unit."""
+    unit = next(key for key in share if key.startswith("sigma_")).removeprefix("sigma_")
+    return str(share["source"]), str(share["component"]), float(share[f"sigma_{unit}"]), unit
+
+
+def _table(name: str, found: dict[str, Any], method: dict[str, Any]) -> Table:
+    """Contributions, with the sensitivities beside them."""
+    rows = []
+    for share in method["sources"]:
+        source, component, sigma, unit = _label(share)
+        slope = _three(share[f"sensitivity_arcsec_per_{unit}"])
+        rows.append(
+            (
+                f"{source} {component}".strip(),
+                f"{sigma:.4g} {unit}",
+                _three(share["contribution_arcsec"]),
+                f"{slope} per {unit}",
+            )
+        )
+    stated = method["stated_sigma_arcsec"]
+    rows.append(("sigma it has", "", _three(method["sigma_arcsec"]), ""))
+    rows.append(("sigma it states", "", "none" if stated is None else _three(stated), ""))
+    head = ("source", "sigma", "contributes", "d sigma / d source")
+    return Table(f"{name} in {found['scenario']}, arcsec about x, y, z of E", head, rows, totals=2)
+
+
+def _three(values: list[float]) -> str:
+    """Three figures; what is below a thousandth of the largest is shown as 0."""
+    least = 1e-3 * max(values)
+    return "  ".join(f"{value:.3g}" if value >= least else "0" for value in values)
+
+
+def _sentences(found: dict[str, Any]) -> Iterator[str]:
+    for name, method in found["methods"].items():
+        for sentence in method["in_words"]:
+            yield f"{name}: {sentence}"
+    for name in found["left_out"]:
+        yield f"left out: {name}, for blunders are no noise"
+    if found["target"] is not None:
+        yield f"for {found['target']['target_arcsec']:g} arcsec about each axis:"
+        yield from found["target"]["in_words"]

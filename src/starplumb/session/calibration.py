@@ -1,0 +1,133 @@
+"""Calibrate a campaign: the estimator by its name, landmarks for detections that have none, and the answer."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from ..estimators import METHODS
+from ..estimators.protocol import Estimator
+from ..identify.labelling import Labels
+from ..io.text.files import nearest
+from ..judge.calibrate import calibrate as run
+from ..physics.errors import AlignmentFailed, ArgumentError
+from ..physics.units import DEG
+from ..table.campaign import Campaign as Physics
+from .campaign import Campaign
+from .result import RESULT_FILES, Result
+
+WITH_PARAMETERS = ("gls", "robust")
+"""Methods that can estimate further parameters beside the alignment."""
+
+
+class NotIdentified(AlignmentFailed):
+    """The detections of a campaign could not be matched with its landmarks; ``save`` writes what was tried."""
+
+    def __init__(self, campaign: Campaign, labels: Labels, method: str) -> None:
+        super().__init__(f"{campaign.source}: {labels.refusal}")
+        self.campaign, self.labels, self.method = campaign, labels, method
+
+    def save(self, folder: str | Path) -> None:
+        """Write ``result.json`` without an answer, and the tables of the detections; an older result is removed."""
+        from ..io.results.labels import label_files, refused_document
+        from ..io.text.write import json_text, publish
+
+        loaded = self.campaign.loaded
+        document = refused_document(loaded, self.labels, self.method)
+        files = {"result.json": json_text(document), **label_files(loaded, self.labels)}
+        publish(Path(folder), files, instead_of=RESULT_FILES)
+
+
+@dataclass(frozen=True)
+class Identified:
+    """A campaign whose detections have their landmarks; ``labels`` None where they were known from the start."""
+
+    campaign: Campaign
+    labels: Labels | None
+
+
+def calibrate(
+    campaign: Campaign,
+    estimate: Sequence[str] | str = (),
+    method: str | Estimator = "gls",
+    reach_deg: float = 2.0,
+) -> Result:
+    """Estimate the mounting of a campaign and judge the answer.
+
+    ``estimate`` names what to estimate beside the alignment, each free or with its known sigma and unit, as in
+    ``["focal_length", "time_offset=10ms"]``; ``method`` is a name of ``starplumb compare`` or an estimator of your own.
+    ``reach_deg`` is the largest error that the mounting may have where detections must be matched with landmarks first.
+    Raises InputError where something asked for is not to be had, NotIdentified where no match is found.  An answer that
+    must not be used is returned like any other: look at ``status``, or call ``raise_if_unusable``.
+    """
+    name = method if isinstance(method, str) else type(method).__name__
+    wanted = [estimate] if isinstance(estimate, str) else estimate
+    estimator = estimator_of(method, wanted, campaign.loaded.campaign)
+    found = identify(campaign, reach_deg)
+    if found.labels is not None and found.labels.refusal:
+        raise NotIdentified(campaign, found.labels, name)
+    return Result(found.campaign, run(found.campaign.loaded.campaign, estimator), name, found.labels)
+
+
+def estimator_of(method: str | Estimator, estimate: Sequence[str], campaign: Physics) -> Estimator:
+    """The estimator of a method's name, with further parameters beside the alignment.
+
+    Raises InputError for an unknown method or parameter.
+    """
+    from ..estimators.robust import Robust
+    from ..estimators.selfcal import SelfCalibration
+    from ..table.parameter_names import parameters
+
+    wanted = [name.strip() for text in estimate for name in text.split(",") if name.strip()]
+    if not isinstance(method, str):
+        if wanted:
+            raise ArgumentError(
+                "estimate", "found beside an estimator of your own, wanted it to hold the parameters itself"
+            )
+        return method
+    if method not in METHODS:
+        raise ArgumentError("method", f"found {method!r}, wanted one of {', '.join(METHODS)}{_hint(method)}")
+    if not wanted:
+        return METHODS[method]()
+    if method not in WITH_PARAMETERS:
+        raise ArgumentError(
+            "estimate", f"found with the method {method}, wanted {' or '.join(WITH_PARAMETERS)}"
+        )
+    calibration = SelfCalibration(parameters(wanted, campaign))
+    return Robust(calibration) if method == "robust" else calibration
+
+
+def estimators_of(methods: Sequence[str] | str) -> Mapping[str, Estimator]:
+    """Estimators by their names; a text may hold several with commas between them."""
+    listed = [methods] if isinstance(methods, str) else methods
+    names = [part.strip() for text in listed for part in text.split(",") if part.strip()]
+    for name in names:
+        if name not in METHODS:
+            raise ArgumentError(
+                "methods", f"found {name!r}, wanted some of {', '.join(METHODS)}{_hint(name)}"
+            )
+    if not names:
+        raise ArgumentError("methods", f"found none, wanted some of {', '.join(METHODS)}")
+    return {name: METHODS[name]() for name in names}
+
+
+def _hint(name: str) -> str:
+    near = nearest(name, METHODS)
+    return f" (did you mean {near}?)" if near else ""
+
+
+def identify(campaign: Campaign, reach_deg: float) -> Identified:
+    """The campaign with a landmark for each detection that can have one; as it is where the landmarks are known."""
+    from ..identify.labelling import label
+
+    loaded = campaign.loaded
+    if loaded.detections is None:
+        return Identified(campaign, None)
+    if not 0.0 < reach_deg <= 10.0:
+        raise ArgumentError(
+            "reach_deg", f"found {reach_deg:g}, wanted the largest error of the mounting, 0 to 10"
+        )
+    labels = label(loaded.campaign, loaded.detections, reach_deg * DEG)
+    seen = replace(loaded.campaign, sightings=labels.sightings(loaded.detections))
+    return Identified(replace(campaign, loaded=replace(loaded, campaign=seen)), labels)

@@ -1,0 +1,118 @@
+"""A campaign in a session: from its file, from tables, or the example."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..io.campaign.read import LoadedCampaign, load_campaign
+from ..physics.errors import InputError
+from ..table.campaign import Campaign as Physics
+from .show import Shown
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, repr=False)
+class Campaign(Shown):
+    """A campaign that was read and checked; ``source`` is what messages call it.
+
+    ``loaded`` holds the physics and what it was read from.
+    """
+
+    loaded: LoadedCampaign
+    source: str
+
+    @classmethod
+    def read(cls, path: str | Path) -> Campaign:
+        """The campaign of a ``campaign.toml`` and the files that it names.
+
+        Raises InputError, one sentence, for the first file that cannot be used.
+        """
+        return cls(load_campaign(Path(path), with_detections=True), str(path))
+
+    @property
+    def name(self) -> str:
+        return self.loaded.campaign.name
+
+    @property
+    def C_EK(self) -> Array:
+        """The model mounting (3, 3), from the camera to the star tracker, that is to be corrected."""
+        return self.loaded.campaign.C_EK
+
+    @property
+    def C_EK_true(self) -> Array | None:
+        """The true mounting (3, 3) of a simulated campaign that states it, else None."""
+        return self.loaded.C_EK_true
+
+    @property
+    def images(self) -> tuple[str, ...]:
+        """The ids of the images."""
+        return self.loaded.campaign.images.ids
+
+    @property
+    def landmarks(self) -> tuple[str, ...]:
+        """The ids of the landmarks."""
+        return self.loaded.campaign.landmarks.ids
+
+    @property
+    def notices(self) -> tuple[str, ...]:
+        """What was left out when it was read, or looks odd."""
+        return self.loaded.notices
+
+    @property
+    def frames(self) -> tuple[str, str]:
+        """The names of the camera's and the star tracker's frame."""
+        return "camera", self.loaded.config.tracker
+
+    def require_observations(self) -> None:
+        """Raise InputError where the campaign has detections whose landmarks are not known."""
+        if self.loaded.detections is not None:
+            raise InputError(
+                f"{self.source}: detections: found marker images whose landmarks are not known, wanted [observations]: "
+                "label the detections first"
+            )
+
+    @property
+    def sentences(self) -> Sequence[str]:
+        campaign, detections = self.loaded.campaign, self.loaded.detections
+        checks = int(np.sum(campaign.sightings.check))
+        seen = f"{campaign.sightings.image.size - checks} control and {checks} check observations"
+        if detections is not None:
+            seen = f"{detections.image.size} detections whose landmarks are not known"
+        camera = "line scanner" if campaign.camera.scans else "frame camera"
+        return (
+            f"Campaign {self.name!r}: {camera}, {len(self.images)} images, {len(self.landmarks)} landmarks, {seen}",
+            *(f"note: {notice}" for notice in self.notices),
+        )
+
+
+def read_campaign(path: str | Path) -> Campaign:
+    """The campaign of a ``campaign.toml``; as :meth:`Campaign.read`."""
+    return Campaign.read(path)
+
+
+def demo(camera: Literal["frame", "line-scan"] = "frame", images: int = 8, seed: int = 1) -> Campaign:
+    """The example of ``starplumb init``: simulated data whose true mounting is known."""
+    from tempfile import TemporaryDirectory
+
+    with TemporaryDirectory(prefix="starplumb-") as folder:
+        path, _ = write_demo(Path(folder), camera, images, seed)
+        return Campaign(load_campaign(path), "demo")
+
+
+def write_demo(
+    folder: Path, camera: Literal["frame", "line-scan"] = "frame", images: int = 8, seed: int = 1
+) -> tuple[Path, Physics]:
+    """Write the example into a folder; the path of its ``campaign.toml``, and what it holds."""
+    from ..io.campaign.write import write_campaign
+    from ..plan.demo import demo as simulated
+
+    campaign, C_EK_true = simulated(camera, images, seed)
+    write_campaign(folder, campaign, C_EK_true=C_EK_true)
+    return folder / "campaign.toml", campaign

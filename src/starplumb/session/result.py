@@ -1,0 +1,303 @@
+"""What a calibration found: the answer, its residuals as a table, its figures and its files."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..identify.labelling import Labels
+from ..io.results.residual_table import residual_columns, residual_names
+from ..io.results.result import provenance, result_document
+from ..judge.calibrate import Calibration
+from ..judge.consistency import IMPLAUSIBLE_P
+from ..judge.separability import known
+from ..physics import so3
+from ..physics.errors import AlignmentFailed
+from ..physics.units import ARCSEC
+from ..report.page import Table
+from ..table.parameter_names import UNITS, unit_of
+from .campaign import Campaign
+from .frames import Frame
+from .show import Shown
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
+
+MAP = "residuals.gpkg"
+"""The residuals for a geographic information system."""
+RESULT_FILES = ("report.html", "mounting.tf", "residuals.csv", MAP)
+"""Files of a result beside ``result.json``: those that a new result does not write are removed."""
+
+
+@dataclass(frozen=True, repr=False)
+class Result(Shown):
+    """The answer of one calibration: what :func:`starplumb.calibrate` returns.
+
+    ``calibration`` is the plain data that everything here is taken from, in SI units and radians; ``method`` is what
+    was asked for; ``labels`` says which landmark each detection was matched with, None where they were known.
+    """
+
+    campaign: Campaign
+    calibration: Calibration
+    method: str
+    labels: Labels | None = None
+
+    @property
+    def C_EK(self) -> Array:
+        """The mounting (3, 3), from the camera to the star tracker: ``v_E = C_EK @ v_K``."""
+        return self.calibration.estimate.C_EK
+
+    @property
+    def correction_arcsec(self) -> Array:
+        """The correction d (3,) about x, y, z of the star tracker: ``C_EK = exp(d) @ C_EK_model``."""
+        return np.asarray(self.calibration.correction_E / ARCSEC)
+
+    @property
+    def sigma_arcsec(self) -> Array | None:
+        """The standard deviation (3,) of the mounting's error about x, y, z of the star tracker.
+
+        None where the method states none.
+        """
+        sigma = self.calibration.estimate.sigma_E
+        return None if sigma is None else np.asarray(sigma / ARCSEC)
+
+    @property
+    def covariance_arcsec2(self) -> Array | None:
+        """The covariance (3, 3) of that error; None where the method states none."""
+        covariance = self.calibration.estimate.covariance_E
+        return None if covariance is None else np.asarray(covariance / ARCSEC**2)
+
+    @property
+    def status(self) -> str:
+        """``ok``, ``weak`` (usable, see ``message``), ``singular`` or ``not_converged``."""
+        return self.calibration.status.name.lower()
+
+    @property
+    def usable(self) -> bool:
+        """Whether the mounting may be used."""
+        return self.calibration.status.usable
+
+    @property
+    def message(self) -> str:
+        """What weakens the answer or should be known about it, in one line; empty where there is nothing."""
+        return self.calibration.message
+
+    def raise_if_unusable(self) -> None:
+        """Raise AlignmentFailed, with the message, where the mounting must not be used."""
+        if not self.usable:
+            raise AlignmentFailed(f"{self.campaign.source}: {self.message}")
+
+    @cached_property
+    def document(self) -> dict[str, Any]:
+        """``result.json`` as a dictionary."""
+        loaded = self.campaign.loaded
+        document = result_document(
+            self.calibration,
+            self.method,
+            self.campaign.frames,
+            loaded.inputs,
+            provenance(loaded),
+            loaded.C_EK_true,
+        )
+        return document if self.labels is None else document | {"labels": self.labels.counts}
+
+    @property
+    def parameters(self) -> list[dict[str, Any]]:
+        """What was estimated beside the alignment: name, unit, correction, sigma and the sigma before."""
+        return list(self.document.get("parameters", ()))
+
+    @property
+    def residuals(self) -> Frame:
+        """Every observation with its residuals: the columns of ``residuals.csv``."""
+        columns = residual_columns(self.calibration, self.campaign.loaded.shift_px)
+        return Frame("Residuals", tuple(residual_names(self.calibration)), tuple(columns))
+
+    @property
+    def tables(self) -> Sequence[Table]:
+        return (_table(self.calibration, self.campaign.C_EK_true),)
+
+    @property
+    def sentences(self) -> Sequence[str]:
+        c = self.calibration
+        named = [] if self.labels is None else [label_sentence(self.labels)]
+        return (*named, *_sentences(c), *parameter_sentences(c), *(f"note: {text}" for text in c.sentences))
+
+    @property
+    def implausible(self) -> bool:
+        """Whether the residuals are too large for the stated sigmas: :func:`starplumb.diagnose` may say why."""
+        p = self.calibration.chi2_p
+        return p is not None and p < IMPLAUSIBLE_P
+
+    def report(self) -> str:
+        """``report.html``: one page with tables and figures, which needs no other file."""
+        from ..report import calibration_page
+
+        return calibration_page(self.calibration, self.document)
+
+    def save(self, folder: str | Path, report: bool = True, gpkg: bool = False) -> None:
+        """Write what ``starplumb calibrate --out`` writes, all files or none.
+
+        ``result.json``, ``residuals.csv``, with ``report`` the page ``report.html``, with ``gpkg`` the map
+        ``residuals.gpkg``, and, if the mounting may be used, the SPICE frame kernel ``mounting.tf``.  Files of an
+        earlier result that this one does not write are removed.
+        """
+        from ..io.text.write import csv_pieces, json_text, publish
+
+        residuals = self.residuals
+        files: dict[str, str | Iterable[str]] = {
+            "result.json": json_text(self.document),
+            "residuals.csv": csv_pieces(residuals.names, residuals.columns),
+        }
+        if self.labels is not None:
+            from ..io.results.labels import label_files
+
+            files |= label_files(self.campaign.loaded, self.labels)
+        if report:
+            files["report.html"] = self.report()
+        if self.usable:
+            files["mounting.tf"] = self._kernel()
+        publish(Path(folder), files, instead_of=RESULT_FILES)
+        if gpkg:
+            self._write_map(Path(folder) / MAP)
+
+    def _kernel(self) -> str:
+        from ..io.formats.spice import frame_kernel_text
+
+        told = (("campaign", self.campaign.name), ("method", self.method), ("status", self.status))
+        return frame_kernel_text(
+            self.C_EK,
+            "CAMERA",
+            "STAR_TRACKER",
+            covariance_E=self.calibration.estimate.covariance_E,
+            comments=[f"{key}: {value}" for key, value in told],
+        )
+
+    def _write_map(self, path: Path) -> None:
+        """The residuals at their landmarks as a layer of points."""
+        from ..io.gis.geopackage import write_residuals
+        from ..physics.earth import itrf_to_geodetic
+        from ..physics.units import DEG
+
+        data, residuals = self.campaign.loaded.campaign, self.residuals
+        latitude, longitude, _ = itrf_to_geodetic(data.landmarks.r_J[data.sightings.landmark])
+        write_residuals(path, latitude / DEG, longitude / DEG, residuals.names, residuals.columns)
+
+    def plot_residuals(
+        self, where: Literal["image", "ground"] = "image", when: Literal["before", "after"] = "after"
+    ) -> Figure:
+        """Residuals as arrows over the field of view, px, or over the ground, m."""
+        from ..report.calibration_figures import residual_vectors
+
+        return residual_vectors(self.calibration, where, when).drawing
+
+    def plot_trend(
+        self, against: Literal["time", "latitude", "image"] = "time", shared_errors: bool = True
+    ) -> Figure:
+        """Residuals after the calibration against time, latitude or image.
+
+        With ``shared_errors`` False less the errors that all markers of an image share, as far as they are estimated.
+        """
+        from ..report.calibration_figures import trend
+
+        return trend(self.calibration, against, shared_errors).drawing
+
+    def plot_ground(self) -> Figure:
+        """East and north errors of every observation after the calibration."""
+        from ..report.calibration_figures import ground_scatter
+
+        return ground_scatter(self.calibration).drawing
+
+    def plot_alignment(self, axes: Literal["xy", "xz", "yz"] = "xy") -> Figure:
+        """The correction with its error ellipses about two axes of the star tracker."""
+        from ..report.calibration_figures import alignment_ellipse
+
+        self._require("covariance_arcsec2")
+        return alignment_ellipse(self.calibration, axes).drawing
+
+    def plot_budget(self) -> Figure:
+        """What each error source contributes to the sigmas."""
+        from ..report.calibration_figures import budget
+
+        self._require("budget")
+        return budget(self.document).drawing
+
+    def _require(self, key: str) -> None:
+        if not self.usable or not self.document.get(key):
+            raise AlignmentFailed(
+                f"{self.campaign.source}: the method {self.method} gives no "
+                f"{key.split('_')[0]} here (status {self.status}), so there is nothing to draw"
+            )
+
+
+def _table(c: Calibration, C_EK_true: Array | None) -> Table:
+    """Correction and sigma about the star tracker's axes, the truth beside them where it is known."""
+    sigma = c.estimate.sigma_E
+    rows = [("correction", *_fixed(c.correction_E / ARCSEC))]
+    rows.append(("sigma", *(("not stated",) * 3 if sigma is None else _fixed(sigma / ARCSEC))))
+    if C_EK_true is not None:
+        error = so3.log(c.estimate.C_EK @ C_EK_true.mT)
+        rows.append(("known truth", *_fixed(so3.log(C_EK_true @ c.campaign.C_EK.mT) / ARCSEC)))
+        rows.append(("error", *_fixed(error / ARCSEC)))
+        if sigma is not None:
+            rows.append(("error / sigma", *_fixed(error / sigma, 2)))
+    return Table(f"Alignment of {c.campaign.name}", ("arcsec about", "x", "y", "z"), rows)
+
+
+def _fixed(values: Array, places: int = 3) -> tuple[str, ...]:
+    return tuple(f"{value:.{places}f}" for value in values)
+
+
+def _sentences(c: Calibration) -> list[str]:
+    """Counts, status, fit and geolocation, a line each."""
+    used = c.residuals.used
+    images = np.unique(c.observations.image[used]).size
+    lines = [f"{images} images, {int(np.sum(used))} observations; status {c.status.name.lower()}"]
+    if c.estimate.chi2 is not None and c.chi2_p is not None and c.estimate.degrees_of_freedom is not None:
+        dof = int(c.estimate.degrees_of_freedom)
+        lines.append(
+            f"chi-square {float(c.estimate.chi2):.1f} for {dof} degrees of freedom (p = {c.chi2_p:.3g})"
+        )
+    for check, name in ((False, "control points"), (True, "check points")):
+        before, after = c.accuracy(False, check), c.accuracy(True, check)
+        if after is not None:
+            was = "off the Earth" if before is None else f"{before.rmse:.3g} m"
+            lines.append(
+                f"geolocation of {after.n} {name}: {was} rms before, {after.rmse:.3g} m after (CE90 {after.ce90:.3g} m)"
+            )
+    if c.rejected:
+        kinds = [r.reason.split(":")[0] for r in c.rejected]
+        counts = ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds))
+        lines.append(f"rejected {len(c.rejected)} sightings ({counts}): see result.json")
+    return lines
+
+
+def label_sentence(labels: Labels) -> str:
+    """How many detections were matched with a landmark, and why the others were not."""
+    counts = labels.counts
+    return (
+        f"{counts['labelled']} of {counts['detections']} detections named; {counts['no_landmark']} fit no landmark, "
+        f"{counts['ambiguous']} more than one"
+    )
+
+
+def parameter_sentences(c: Calibration) -> list[str]:
+    """What was estimated beside the alignment, a line each."""
+    p = c.estimate.parameters
+    if p is None:
+        return []
+    lines = []
+    sigma = np.sqrt(np.diagonal(p.covariance))[3:]
+    trusted = known(p, list(c.combinations))
+    for name, value, spread, good in zip(p.names, p.values, sigma, trusted, strict=True):
+        unit = unit_of(name)
+        number = f"{value / UNITS[unit]:+.4g} +- {spread / UNITS[unit]:.2g} {unit}".rstrip()
+        lines.append(f"{name}: {number if good else 'not known from these data'}")
+    return lines

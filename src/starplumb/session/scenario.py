@@ -1,0 +1,40 @@
+"""A scenario in a session: a scene with its error sources, for budgets and studies."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ..io.scenario.read import load_scenario
+from ..plan.scenario import Scenario as Data
+from .show import Shown
+
+
+@dataclass(frozen=True, repr=False)
+class Scenario(Shown):
+    """A scenario that was read and checked; ``data`` holds the scene and its error sources, in SI units."""
+
+    data: Data
+
+    @property
+    def name(self) -> str:
+        return self.data.name
+
+    @property
+    def sentences(self) -> Sequence[str]:
+        truth = self.data.truth
+        sources = ", ".join(source.name for source in self.data.sources)
+        return (
+            f"Scenario {self.name!r}: {truth.n} observations in {truth.n_images} images; errors: {sources}",
+            *([self.data.description] if self.data.description else []),
+        )
+
+
+def scenario(source: Mapping[str, Any] | str | Path) -> Scenario:
+    """A shipped scenario by its name, that of a TOML file, or of a dictionary with the keys of such a file.
+
+    Raises InputError, one line with all that is wrong.
+    """
+    return Scenario(load_scenario(source))

@@ -1,0 +1,225 @@
+"""Monte Carlo of a scenario."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..io.results.samples import Format, write_samples
+from ..io.results.samples import choose as choose_samples
+from ..physics.errors import ArgumentError
+from ..report.page import Table
+from ..study.monte_carlo import CHUNK
+from ..study.monte_carlo import Study as Plan
+from ..study.run import choose, run
+from ..study.statistics import trials_for
+from ..study.store import Store
+from ..study.summary import summarise
+from .calibration import estimators_of
+from .frames import Frame
+from .scenario import Scenario
+from .show import Shown
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from pandas import DataFrame
+
+Watched = Callable[[Plan], AbstractContextManager[Callable[[int], None]]]
+
+PRECISION = 0.01
+"""To this part of itself each sigma is known (3 standard errors) where neither trials nor precision are given."""
+
+
+@dataclass(frozen=True, repr=False)
+class Summary(Shown):
+    """The accuracy that a study found.  ``document`` is ``summary.json``."""
+
+    document: dict[str, Any]
+
+    @property
+    def frame(self) -> Frame:
+        """A row for each method and axis."""
+        rows = [
+            (name, axis, *(_value(found[key]) for key in _FIGURES))
+            for name, method in self.document["methods"].items()
+            for axis, found in method["axes"].items()
+        ]
+        columns = [list(column) for column in zip(*rows, strict=True)]
+        return Frame("Accuracy", ("method", "axis", *_FIGURES), tuple(columns))
+
+    def to_frame(self) -> DataFrame:
+        """A row for each method and axis, as a pandas data frame."""
+        return self.frame.to_frame()
+
+    @property
+    def tables(self) -> Sequence[Table]:
+        return [_table(name, self.document, method) for name, method in self.document["methods"].items()]
+
+    @property
+    def sentences(self) -> Sequence[str]:
+        return list(_sentences(self.document))
+
+
+@dataclass(frozen=True, repr=False)
+class Study(Shown):
+    """A finished study: what :func:`starplumb.simulate` returns.  ``document`` is ``summary.json``."""
+
+    document: dict[str, Any]
+
+    def summary(self) -> Summary:
+        """Errors, sigmas and whether those stated hold, by method and axis."""
+        return Summary(self.document)
+
+    def plot_errors(self, method: str | None = None) -> Figure:
+        """Histograms of a method's errors about x, y, z, by default of the first method."""
+        from ..report.simulation_figures import all_histograms
+
+        return all_histograms(*self._of(method)).drawing
+
+    def plot_convergence(self, method: str | None = None) -> Figure:
+        """Sigma over its final value against the number of trials."""
+        from ..report.simulation_figures import convergence
+
+        name, found = self._of(method)
+        return convergence(name, found["convergence"]).drawing
+
+    def _of(self, method: str | None) -> tuple[str, dict[str, Any]]:
+        name = method or next(iter(self.document["methods"]))
+        if name not in self.document["methods"]:
+            raise ArgumentError(
+                "method", f"found {name!r}, wanted one of {', '.join(self.document['methods'])}"
+            )
+        return name, self.document["methods"][name]
+
+    def save(self, folder: str | Path) -> None:
+        """Write ``summary.json``, ``report.html`` and the figures."""
+        from ..io.text.write import json_text, publish
+        from ..report import simulation_files, simulation_page
+
+        files = {"summary.json": json_text(self.document), "report.html": simulation_page(self.document)}
+        publish(Path(folder), files | simulation_files(self.document))
+
+    @property
+    def sentences(self) -> Sequence[str]:
+        d = self.document
+        return (
+            f"Study of {d['scenario']}: {d['trials']} trials, seed {d['seed']}, methods {', '.join(d['methods'])}",
+            "summary() shows what it found",
+        )
+
+
+def simulate(
+    scenario: Scenario,
+    trials: int | None = None,
+    seed: int = 1,
+    methods: Sequence[str] | str = ("gls", "wahba"),
+    *,
+    precision: float | None = None,
+    workers: int | None = 1,
+    scheduler: str | None = None,
+    chunk: int = CHUNK,
+    out: str | Path | None = None,
+    samples: str = "none",
+    watched: Watched = lambda plan: nullcontext(lambda trials: None),
+) -> Study:
+    """Say what accuracy a scenario gives, by trying it many times.
+
+    The answer depends on scenario, ``seed``, ``trials`` and ``chunk`` alone, not on ``workers`` (None: one for each
+    processor) or a Dask ``scheduler``.  With ``precision`` the trials are chosen so that each sigma is known to this
+    part of itself.  With ``out`` finished chunks are kept there, an interrupted study goes on where it stopped, and the
+    results are written, with every trial as a table where ``samples`` names a format.  ``watched``
+    makes, of the study, a context in which it runs, whose value hears the number of trials of each chunk.
+    """
+    format: Format = choose_samples(samples) if out is not None else "none"
+    study = Plan(
+        scenario.data,
+        dict(estimators_of(methods)),
+        _checked_seed(seed),
+        _number_of_trials(trials, precision),
+        chunk,
+        keep_samples=format != "none",
+    )
+    with _store(study, None if out is None else Path(out)) as store:
+        with watched(study) as done:
+            run(store, choose(workers, scheduler, study.chunks), done)
+        found = Study(summarise(store))
+        if out is not None:
+            write_samples(store, Path(out), format)
+            found.save(out)
+        return found
+
+
+def _number_of_trials(trials: int | None, precision: float | None) -> int:
+    if trials is not None and precision is not None:
+        raise ArgumentError("precision", "found beside trials, wanted only one of the two")
+    return trials if trials is not None else trials_for(PRECISION if precision is None else precision)
+
+
+def _checked_seed(seed: int) -> int:
+    if not 0 <= seed < 2**64:
+        raise ArgumentError("seed", f"found {seed}, wanted a whole number below 2^64, not negative")
+    return seed
+
+
+@contextmanager
+def _store(study: Plan, out: Path | None) -> Iterator[Store]:
+    """Where chunks are kept: beside the results, or nowhere for longer than the study."""
+    from tempfile import TemporaryDirectory
+
+    if out is not None:
+        yield Store.open(out / "chunks", study)
+        return
+    with TemporaryDirectory(prefix="starplumb-") as folder:
+        yield Store.open(Path(folder), study)
+
+
+_FIGURES = (
+    "mean_arcsec",
+    "sigma_arcsec",
+    "rms_arcsec",
+    "max_arcsec",
+    "stated_sigma_arcsec",
+    "error_over_stated",
+)
+
+
+def _value(figure: Any) -> float:
+    """A figure without its interval; NaN where it does not exist."""
+    value = figure["value"] if isinstance(figure, dict) else figure
+    return float("nan") if value is None else float(value)
+
+
+def _table(name: str, document: dict[str, Any], method: dict[str, Any]) -> Table:
+    axes = method["axes"].values()
+    rows = [
+        (label, *(_with_error(axis[key]) for axis in axes))
+        for label, key in (("mean", "mean_arcsec"), ("sigma", "sigma_arcsec"), ("rms", "rms_arcsec"))
+    ]
+    rows.append(("largest", *(_number(axis["max_arcsec"]) for axis in axes)))
+    rows.append(("stated sigma", *(_number(axis["stated_sigma_arcsec"]) for axis in axes)))
+    rows.append(("error / stated", *(_with_error(axis["error_over_stated"]) for axis in axes)))
+    rows.append(("rms / Cramer-Rao bound", *(_with_error(axis["rmse_over_bound"]) for axis in axes)))
+    title = f"{name} in {document['scenario']}, {document['trials']} trials"
+    return Table(title, ("arcsec about", "x", "y", "z"), rows)
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:.4g}"
+
+
+def _with_error(interval: dict[str, Any] | None) -> str:
+    if interval is None or interval["value"] is None:
+        return "-"
+    return f"{interval['value']:.4g} ± {0.5 * (interval['high'] - interval['low']):.2g}"
+
+
+def _sentences(document: dict[str, Any]) -> Iterator[str]:
+    for name, method in document["methods"].items():
+        ce90 = method["ground"]["ce90_m"]
+        if ce90 is not None:
+            yield f"{name}: CE90 on the ground {ce90['value']:.4g} m (alignment error alone, centres of the images)"
+        for sentence in method["verdict"]:
+            yield f"{name}: {sentence}"

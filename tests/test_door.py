@@ -1,0 +1,229 @@
+"""The door: ``import starplumb as sp`` and a whole session, without files where none are wanted."""
+
+from __future__ import annotations
+
+import ast
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import starplumb as sp
+from command import demo as written_demo
+from command import starplumb
+from starplumb.physics import so3
+from starplumb.physics.units import ARCSEC
+
+PACKAGE = Path(sp.__file__).parent
+
+
+@pytest.fixture(scope="module")
+def campaign():
+    return sp.demo(images=4, seed=7)
+
+
+@pytest.fixture(scope="module")
+def result(campaign):
+    return sp.calibrate(campaign)
+
+
+def test_the_answer_is_the_truth_within_its_sigma(campaign, result):
+    assert result.status == "ok"
+    error = so3.log(result.C_EK @ campaign.C_EK_true.mT) / ARCSEC
+    assert np.all(np.abs(error) < 4.0 * result.sigma_arcsec)
+    assert np.all(result.sigma_arcsec < 20.0)
+    covariance = result.covariance_arcsec2
+    np.testing.assert_allclose(np.sqrt(np.diagonal(covariance)), result.sigma_arcsec)
+    applied = so3.exp(result.correction_arcsec * ARCSEC) @ campaign.C_EK
+    np.testing.assert_allclose(applied, result.C_EK, atol=1e-14)
+
+
+def test_saving_writes_the_very_files_of_the_command(tmp_path):
+    path = written_demo(tmp_path / "demo", "--images", 3)
+    assert starplumb("calibrate", path, "--out", tmp_path / "command", "-e", "focal_length").status == 0
+    sp.calibrate(sp.read_campaign(path), ["focal_length"]).save(tmp_path / "session")
+    files = {file.name: file.read_bytes() for file in (tmp_path / "command").iterdir()}
+    assert set(files) == {"result.json", "residuals.csv", "report.html", "mounting.tf"}
+    assert files == {file.name: file.read_bytes() for file in (tmp_path / "session").iterdir()}
+
+
+def test_the_demo_is_that_of_init(tmp_path):
+    path = written_demo(tmp_path / "demo", "--images", 3, "--camera", "line-scan", "--seed", 5)
+    there, here = sp.read_campaign(path), sp.demo("line-scan", images=3, seed=5)
+    assert np.array_equal(there.C_EK_true, here.C_EK_true)
+    assert sp.calibrate(there).document == sp.calibrate(here).document
+
+
+def test_residuals_as_a_frame_are_the_columns_of_the_file(result, tmp_path):
+    pandas = pytest.importorskip("pandas")
+    result.save(tmp_path, report=False)
+    frame, file = result.residuals.to_frame(), pandas.read_csv(tmp_path / "residuals.csv")
+    assert list(frame.columns) == list(file.columns)
+    for name in frame.columns:
+        if file[name].dtype.kind == "f":
+            np.testing.assert_array_equal(frame[name].to_numpy(float), file[name].to_numpy())
+        else:
+            assert list(frame[name]) == list(file[name])
+    assert len(result.residuals) == len(file) == 48
+
+
+def test_objects_are_shown_shortly_and_safely(campaign, result):
+    assert "control and 8 check observations" in repr(campaign)
+    text = repr(result)
+    assert "correction" in text
+    assert f"{result.sigma_arcsec[2]:.3f}" in text
+    assert len(text) < 2000
+    html = result._repr_html_()
+    assert f"<td>{result.sigma_arcsec[2]:.3f}</td>" in html
+    assert "residuals: 48 rows" in repr(result.residuals).lower()
+
+
+def test_names_are_escaped_in_a_notebook(tmp_path):
+    path = written_demo(tmp_path / "demo", "--images", 2)
+    text = path.read_text(encoding="utf-8").replace(
+        'name = "starplumb demo"', 'name = "<script>alert(1)</script>"'
+    )
+    path.write_text(text, encoding="utf-8")
+    found = sp.read_campaign(path)
+    for shown in (found, sp.calibrate(found)):
+        assert "<script>" not in shown._repr_html_()
+        assert "&lt;script&gt;" in shown._repr_html_()
+
+
+@pytest.mark.slow
+def test_figures_are_returned_and_leave_no_global_state(campaign, result):
+    import matplotlib.figure
+
+    figures = [
+        *(
+            result.plot_residuals(where, when)
+            for where in ("image", "ground")
+            for when in ("before", "after")
+        ),
+        result.plot_trend("latitude", shared_errors=False),
+        result.plot_ground(),
+        result.plot_alignment("yz"),
+        result.plot_budget(),
+    ]
+    assert all(isinstance(figure, matplotlib.figure.Figure) for figure in figures)
+    arrows = figures[3].axes[0].collections
+    assert sum(len(quiver.U) for quiver in arrows) == 48
+    assert "matplotlib.pyplot" not in sys.modules or not sys.modules["matplotlib.pyplot"].get_fignums()
+
+
+def test_an_answer_that_must_not_be_used_is_returned_and_says_so(tmp_path):
+    path = written_demo(tmp_path / "demo", "--images", 1)
+    table = path.parent / "observations.csv"
+    lines = table.read_text(encoding="utf-8").splitlines()
+    control = [line for line in lines[1:] if line.endswith("control")]
+    table.write_text("\n".join([lines[0], control[0]]) + "\n", encoding="utf-8")
+    result = sp.calibrate(sp.read_campaign(path))
+    assert (result.status, result.usable) == ("singular", False)
+    with pytest.raises(sp.AlignmentFailed, match=r"campaign\.toml: "):
+        result.raise_if_unusable()
+    with pytest.raises(sp.AlignmentFailed):
+        result.plot_alignment()
+    with pytest.raises(sp.AlignmentFailed):
+        sp.locate(result.campaign, result, image="image01", column=1, row=1)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"method": "glss"}, "method: found 'glss'.*did you mean gls"),
+        ({"method": "wahba", "estimate": ["focal_length"]}, "estimate: found with the method wahba"),
+        ({"estimate": "focal_lenght"}, "focal_lenght"),
+    ],
+)
+def test_a_mistake_is_one_sentence(campaign, options, words):
+    with pytest.raises(sp.InputError, match=words):
+        sp.calibrate(campaign, **options)
+
+
+def test_an_estimator_of_ones_own_is_taken(campaign, result):
+    from starplumb.estimators.gls import Gls
+
+    class Mine:
+        def __call__(self, observations, C_EK):
+            return Gls()(observations, C_EK)
+
+    own = sp.calibrate(campaign, method=Mine())
+    assert own.method == "Mine"
+    np.testing.assert_array_equal(own.C_EK, result.C_EK)
+    with pytest.raises(sp.InputError, match="estimator of your own"):
+        sp.calibrate(campaign, ["focal_length"], method=Mine())
+
+
+def test_comparison_and_diagnosis_of_a_campaign(campaign, result):
+    comparison = sp.compare(campaign)
+    assert "not stated" in repr(comparison)
+    first = comparison.document["methods"][0]
+    assert first["method"] == "gls"
+    np.testing.assert_allclose(first["correction_arcsec"], result.correction_arcsec)
+    assert len(comparison.frame) == len(comparison.answers)
+    diagnosis = sp.diagnose(campaign)
+    assert diagnosis.verdict == "none"
+    assert "No usual mistake" in repr(diagnosis)
+
+
+def test_a_place_on_the_ground_is_that_of_the_command(campaign, result, tmp_path):
+    result.save(tmp_path, report=False)
+    place = sp.locate(campaign, result, image="image02", column=5000, row=6000.5, height_m=100.0)
+    read = sp.locate(
+        campaign, tmp_path / "result.json", image="image02", column=5000, row=6000.5, height_m=100.0
+    )
+    np.testing.assert_allclose(read.document["itrf_m"], place.document["itrf_m"], atol=1e-6)
+    np.testing.assert_allclose(read.covariance_east_north_up_m2, place.covariance_east_north_up_m2, rtol=1e-9)
+    assert place.height_m == pytest.approx(100.0, abs=1e-6)
+    assert f"latitude {place.latitude_deg:.7f}" in repr(place)
+
+
+def test_a_scenario_is_budgeted_and_simulated(tmp_path):
+    scenario = sp.scenario("two-images")
+    assert "two-images" in repr(scenario)
+    budget = sp.budget(scenario, target_arcsec=1.0)
+    frame = budget.frame.to_dict()
+    sigma = budget.document["methods"]["gls"]["sigma_arcsec"]
+    for axis, whole in zip("xyz", sigma, strict=True):
+        parts = np.array(frame[f"contribution_{axis}_arcsec"])
+        assert np.sqrt(np.sum(parts**2)) == pytest.approx(whole, rel=1e-6)
+    study = sp.simulate(scenario, trials=300, seed=1, methods="gls")
+    assert study.document["trials"] == 300
+    assert "error / stated" in repr(study.summary())
+    rms = study.summary().frame.to_dict()["rms_arcsec"]
+    assert np.all(np.abs(np.array(rms) / sigma - 1.0) < 5.0 / np.sqrt(2 * 300))
+    study.save(tmp_path)
+    assert json.loads((tmp_path / "summary.json").read_text(encoding="utf-8")) == study.document
+    assert (tmp_path / "histogram-gls.svg").read_text(encoding="utf-8").count("<svg") == 1
+
+
+def test_a_scenario_may_be_a_dictionary():
+    import tomllib
+
+    path = PACKAGE / "scenarios" / "two-images.toml"
+    document = tomllib.loads(path.read_text(encoding="utf-8"))
+    here, there = sp.scenario(document), sp.scenario("two-images")
+    assert here.data.digest == there.data.digest
+    document["scenario"]["name"] = "mine"
+    assert "'mine'" in repr(sp.scenario(document))
+
+
+def test_the_door_opens_lazily_and_its_types_agree():
+    code = "import sys, starplumb as sp; before = set(sys.modules); assert 'calibrate' in dir(sp); print(*before)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert not {"numpy", "starplumb.session.result"} & set(done.stdout.split())
+    stub = ast.parse((PACKAGE / "__init__.pyi").read_text(encoding="utf-8"))
+    typed = {
+        alias.name: node.module
+        for node in stub.body
+        if isinstance(node, ast.ImportFrom) and node.level
+        for alias in node.names
+    }
+    assert typed == sp._DOOR
+    for name in sp._DOOR:
+        assert getattr(sp, name).__name__ == name
+    with pytest.raises(AttributeError, match="no attribute 'colour'"):
+        _ = sp.colour
