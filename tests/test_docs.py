@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import subprocess
@@ -53,12 +54,15 @@ def test_readme_shows_what_the_command_prints(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_readme_snippet_agrees_with_its_sigma(tmp_path: Path) -> None:
+def test_readme_snippet_saves_the_files_of_the_command(tmp_path: Path) -> None:
     printed = _run([sys.executable, "-c", _block("run: python")], tmp_path)
-    numbers = [float(number) for number in re.findall(r"-?\d+\.\d+", printed)]
-    error, sigma = numbers[:3], numbers[3:]
-    assert len(sigma) == 3
-    assert all(abs(e) < 4.0 * s for e, s in zip(error, sigma, strict=True))
+    saved = json.loads((tmp_path / "result" / "result.json").read_text(encoding="utf-8"))
+    shown = [float(number) for number in re.findall(r"\d+\.\d+", printed.splitlines()[-1])]
+    assert shown == pytest.approx(saved["sigma_arcsec"], rel=1e-6)
+    error = saved["truth"]["error_arcsec"]
+    assert all(abs(e) < 4.0 * s for e, s in zip(error, shown, strict=True))
+    names = {path.name for path in (tmp_path / "result").iterdir()}
+    assert names == {"result.json", "residuals.csv", "report.html", "mounting.tf"}
 
 
 @pytest.mark.parametrize(

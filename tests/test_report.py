@@ -17,11 +17,11 @@ from typer.testing import CliRunner
 
 from problems import C_EK_TRUE, truth
 from starplumb.cli.app import app
+from starplumb.documents.from_calibration import result_document
 from starplumb.estimators.gls import Gls
 from starplumb.estimators.selfcal import SelfCalibration
 from starplumb.estimators.wahba import Wahba
 from starplumb.ground.intersection import intersect
-from starplumb.io.results.result import result_document
 from starplumb.judge.calibrate import PRIOR, calibrate, shares
 from starplumb.physics import so3
 from starplumb.physics.earth import C_JT, itrf_to_geodetic
@@ -151,7 +151,7 @@ def test_contrast_is_that_of_wcag_aa(theme):
 PROGRAM = """
 import hashlib
 from starplumb.estimators.gls import Gls
-from starplumb.io.results.result import result_document
+from starplumb.documents.from_calibration import result_document
 from starplumb.judge.calibrate import calibrate
 from starplumb.plan.demo import demo
 from starplumb.report import calibration_page
@@ -377,7 +377,7 @@ def test_of_very_many_images_and_landmarks_the_worst_are_listed(campaign, monkey
     provenance = {"corrections": {}, "notices": [], "earth_orientation": None}
     full = result_document(done, "gls", names, {}, provenance)
     assert "not_listed" not in full
-    monkeypatch.setattr("starplumb.io.results.result.LISTED_AT_MOST", 2)
+    monkeypatch.setattr("starplumb.documents.from_calibration.LISTED_AT_MOST", 2)
     monkeypatch.setattr("starplumb.report.calibration_lists.IMAGES_AT_MOST", 1)
     monkeypatch.setattr("starplumb.report.calibration_lists.LISTED_AT_MOST", 1)
     short = result_document(done, "gls", names, {}, provenance)

@@ -41,7 +41,8 @@ def reproduce(
 
       starplumb reproduce --out reproduced
     """
-    from ..io.text.write import json_text, write_text
+    from ..documents.reproduction import ReproductionDocument
+    from ..io.text.write import write_text
     from ..published.reproduce import TABLES, document, verdicts
     from ..published.reproduce import reproduce as recompute
 
@@ -56,7 +57,7 @@ def reproduce(
     output.show("Rows: " + ", ".join(f"{counts[verdict]} {verdict}" for verdict in counts))
     result = document(tables, trials, seed)
     if out is not None:
-        write_text(out / "reproduce.json", json_text(result))
+        write_text(out / "reproduce.json", ReproductionDocument.of(result).to_json())
     output.document(result)
 
 

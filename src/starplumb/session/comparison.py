@@ -10,8 +10,9 @@ from typing import Any
 
 from numpy.typing import NDArray
 
+from ..documents.comparison import ComparisonDocument
+from ..documents.document import numbers
 from ..estimators import METHODS
-from ..io.results.result import numbers
 from ..judge.compare import Answer, answers
 from ..physics import so3
 from ..physics.errors import AlignmentFailed
@@ -54,9 +55,9 @@ class Comparison(Shown):
 
     def save(self, folder: str | Path) -> None:
         """Write ``compare.json``."""
-        from ..io.text.write import json_text, write_text
+        from ..io.text.write import write_text
 
-        write_text(Path(folder) / "compare.json", json_text(self.document))
+        write_text(Path(folder) / "compare.json", ComparisonDocument.of(self.document).to_json())
 
     @property
     def frame(self) -> Frame:

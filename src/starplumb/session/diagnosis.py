@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
+from ..documents.document import numbers
 from ..io.campaign.attitude_config import CAMERA
 from ..io.campaign.read import LoadedCampaign
-from ..io.results.result import numbers
 from ..judge.conventions import Written
 from ..judge.diagnose import Diagnosis as Findings
 from ..judge.diagnose import Trial

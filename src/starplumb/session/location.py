@@ -10,13 +10,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..documents.document import numbers
+from ..documents.result import ResultDocument
 from ..ground.geolocation import block_count, positions, terrain_below
 from ..ground.locate import Location, ground
 from ..ground.terrain import ground_height
 from ..io.campaign.markers import bounds_px
 from ..io.gis.heights import Heights, Surface
 from ..io.gis.heights import surface as dem_surface
-from ..io.results.result import numbers, read_mounting
+from ..io.text.files import read_text
 from ..physics.errors import ArgumentError, InputError
 from ..physics.units import DEG
 from .campaign import Campaign
@@ -152,11 +154,32 @@ def mounting_of(campaign: Campaign, result: Result | str | Path | None) -> Mount
         zero = np.zeros((3, 3)) if covariance is None else covariance
         return Mounting(result.C_EK, zero, f"result, {result.method}{stated}")
     if result is not None:
-        return Mounting(*read_mounting(Path(result), campaign.loaded))
+        return _read_mounting(campaign, Path(result))
     sigma = campaign.loaded.campaign.sigma_mounting
     if sigma is None:
         return Mounting(campaign.C_EK, np.zeros((3, 3)), "model, its own error not stated and not included")
     return Mounting(campaign.C_EK, np.diag(sigma**2), "model with its stated sigma")
+
+
+def _read_mounting(campaign: Campaign, path: Path) -> Mounting:
+    """That of a ``result.json``.
+
+    Raises InputError where the file is no such result, its frames are not the campaign's, or its status forbids it.
+    """
+    document = ResultDocument.from_json(read_text(path), str(path))
+    if not document.usable:
+        raise InputError(
+            f"{path}: status: found {document.status!r}, wanted a result whose mounting may be used (ok or weak)"
+        )
+    found, wanted = (document.mounting.from_, document.mounting.to), campaign.frames
+    if found != wanted:
+        raise InputError(
+            f"{path}: mounting: found {found[0]} to {found[1]}, wanted {wanted[0]} to {wanted[1]}"
+        )
+    covariance = document.covariance_E
+    stated = "" if covariance is not None else ", no sigma stated"
+    zero = np.zeros((3, 3)) if covariance is None else covariance
+    return Mounting(document.C_EK, zero, f"{path.name}, {document.method}{stated}")
 
 
 def place(view: View, pixel: tuple[float, float], sigma_px: float, sigma_height_m: float) -> Place:

@@ -11,9 +11,11 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from ..documents.from_calibration import result_document
+from ..documents.result import ResultDocument
 from ..identify.labelling import Labels
+from ..io.campaign.read import LoadedCampaign
 from ..io.results.residual_table import residual_columns, residual_names
-from ..io.results.result import provenance, result_document
 from ..judge.calibrate import Calibration
 from ..judge.consistency import IMPLAUSIBLE_P
 from ..judge.separability import known
@@ -104,7 +106,7 @@ class Result(Shown):
             self.method,
             self.campaign.frames,
             loaded.inputs,
-            provenance(loaded),
+            _provenance(loaded),
             loaded.C_EK_true,
         )
         return document if self.labels is None else document | {"labels": self.labels.counts}
@@ -149,11 +151,11 @@ class Result(Shown):
         ``residuals.gpkg``, and, if the mounting may be used, the SPICE frame kernel ``mounting.tf``.  Files of an
         earlier result that this one does not write are removed.
         """
-        from ..io.text.write import csv_pieces, json_text, publish
+        from ..io.text.write import csv_pieces, publish
 
         residuals = self.residuals
         files: dict[str, str | Iterable[str]] = {
-            "result.json": json_text(self.document),
+            "result.json": ResultDocument.of(self.document).to_json(),
             "residuals.csv": csv_pieces(residuals.names, residuals.columns),
         }
         if self.labels is not None:
@@ -235,6 +237,19 @@ class Result(Shown):
                 f"{self.campaign.source}: the method {self.method} gives no "
                 f"{key.split('_')[0]} here (status {self.status}), so there is nothing to draw"
             )
+
+
+def _provenance(loaded: LoadedCampaign) -> dict[str, Any]:
+    """Where the Earth's orientation came from, whether it was predicted, and which corrections were on."""
+    c = loaded.campaign.corrections
+    orientation = loaded.orientation
+    return {
+        "earth_orientation": None
+        if orientation is None
+        else {"source": orientation.source, "predicted": loaded.predicted_orientation},
+        "corrections": {"light_time": c.light_time, "aberration": c.aberration, "refraction": c.refraction},
+        "notices": list(loaded.notices),
+    }
 
 
 def _table(c: Calibration, C_EK_true: Array | None) -> Table:

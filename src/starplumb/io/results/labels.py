@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 from ...identify.labelling import Label, Labels
 from ...physics.errors import InputError
 from ..campaign.read import LoadedCampaign
 from ..text.write import Column, csv_text
-from .result import SCHEMA, numbers
 
 LABEL_COLUMNS = ["image_id", "landmark_id", "column_px", "row_px", "sigma_px", "label"]
 OBSERVATION_COLUMNS = LABEL_COLUMNS[:-1]
@@ -47,25 +45,4 @@ def label_files(loaded: LoadedCampaign, labels: Labels) -> dict[str, str]:
     return {
         "labels.csv": csv_text(LABEL_COLUMNS, label_columns(loaded, labels)),
         "observations.csv": csv_text(OBSERVATION_COLUMNS, observation_columns(loaded)),
-    }
-
-
-def refused_document(loaded: LoadedCampaign, labels: Labels, method: str) -> dict[str, Any]:
-    """``result.json`` where the detections could not be named: no number but the model mounting's."""
-    c = loaded.campaign
-    nothing = {"rmse_m": None, "ce90_m": None}
-    return {
-        "schema": SCHEMA,
-        "status": "not_converged",
-        "message": labels.refusal,
-        "method": method,
-        "mounting": {"from": "camera", "to": loaded.config.tracker, "matrix": numbers(c.C_EK)},
-        "correction_arcsec": None,
-        "sigma_arcsec": None,
-        "covariance_arcsec2": None,
-        "fit": {"images": len(c.images.ids), "observations": 0, "degrees_of_freedom": 0},
-        "geolocation": {"before": nothing, "after": nothing, "check": None},
-        "rejected": [],
-        "labels": labels.counts,
-        "inputs": dict(loaded.inputs),
     }

@@ -1,30 +1,28 @@
-"""``result.json``: what a calibration found, as a document, and the mounting read back from it."""
+"""``result.json`` of a calibration, and that of detections that could not be matched with landmarks."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ... import __version__
-from ...estimators.protocol import ParameterVector
-from ...judge.calibrate import Calibration, shares
-from ...judge.residuals import Accuracy, rms
-from ...judge.separability import known
-from ...physics import so3
-from ...physics.errors import InputError
-from ...physics.units import ARCSEC
-from ...table.parameter_names import UNITS, unit_of
-from ..campaign.read import LoadedCampaign
-from ..text.files import read_text
+from .. import __version__
+from ..estimators.protocol import ParameterVector
+from ..identify.labelling import Labels
+from ..judge.calibrate import Calibration, shares
+from ..judge.residuals import Accuracy, rms
+from ..judge.separability import known
+from ..physics import so3
+from ..physics.units import ARCSEC
+from ..table.campaign import Campaign
+from ..table.parameter_names import UNITS, unit_of
+from .document import numbers
+from .result import SCHEMA
 
 Array = NDArray[np.float64]
 
-SCHEMA = "starplumb-result/1"
 LISTED_AT_MOST = 10_000
 """Images, and landmarks, in ``result.json``; of more the worst: who opens it looks for those."""
 
@@ -94,54 +92,26 @@ def _truth(c: Calibration, C_EK_true: Array) -> dict[str, Any]:
     }
 
 
-def provenance(loaded: LoadedCampaign) -> dict[str, Any]:
-    """Where the Earth's orientation came from, whether it was predicted, and which corrections were on."""
-    c = loaded.campaign.corrections
-    orientation = loaded.orientation
+def unmatched_document(
+    campaign: Campaign, labels: Labels, method: str, frames: tuple[str, str], inputs: Mapping[str, str]
+) -> dict[str, Any]:
+    """``result.json`` where detections could not be matched with landmarks: no number but the model mounting's."""
+    nothing = {"rmse_m": None, "ce90_m": None}
     return {
-        "earth_orientation": None
-        if orientation is None
-        else {"source": orientation.source, "predicted": loaded.predicted_orientation},
-        "corrections": {"light_time": c.light_time, "aberration": c.aberration, "refraction": c.refraction},
-        "notices": list(loaded.notices),
+        "schema": SCHEMA,
+        "status": "not_converged",
+        "message": labels.refusal,
+        "method": method,
+        "mounting": {"from": frames[0], "to": frames[1], "matrix": numbers(campaign.C_EK)},
+        "correction_arcsec": None,
+        "sigma_arcsec": None,
+        "covariance_arcsec2": None,
+        "fit": {"images": len(campaign.images.ids), "observations": 0, "degrees_of_freedom": 0},
+        "geolocation": {"before": nothing, "after": nothing, "check": None},
+        "rejected": [],
+        "labels": labels.counts,
+        "inputs": dict(inputs),
     }
-
-
-def read_mounting(path: Path, loaded: LoadedCampaign) -> tuple[Array, Array, str]:
-    """C_EK, its covariance (rad^2 about E; zero where none is stated) and a word on it from a ``result.json``.
-
-    Raises InputError where the file is no such result, its frames are not the campaign's, or its status forbids it.
-    """
-    try:
-        document = json.loads(read_text(path))
-        mounting, status = document["mounting"], document["status"]
-        C_EK = np.array(mounting["matrix"], dtype=np.float64)
-        stated = document["covariance_arcsec2"]
-        covariance = np.zeros((3, 3)) if stated is None else ARCSEC**2 * np.array(stated, dtype=np.float64)
-        frames = (mounting["from"], mounting["to"])
-        usable = C_EK.shape == covariance.shape == (3, 3) and np.allclose(
-            C_EK @ C_EK.mT, np.eye(3), atol=1e-6
-        )
-    except (ValueError, KeyError, TypeError) as error:
-        raise InputError(f"{path}: found no usable mounting ({error!r}), wanted a {SCHEMA} result") from None
-    if status not in ("ok", "weak") or not usable:
-        raise InputError(
-            f"{path}: status: found {status!r}, wanted a result whose mounting may be used (ok or weak)"
-        )
-    wanted = ("camera", loaded.config.tracker)
-    if frames != wanted:
-        raise InputError(
-            f"{path}: mounting: found {frames[0]} to {frames[1]}, wanted {wanted[0]} to {wanted[1]}"
-        )
-    return C_EK, covariance, f"{path.name}, {document['method']}" + ("" if stated else ", no sigma stated")
-
-
-def numbers(values: Any) -> Any:
-    """Nested lists of floats; a number that is not finite becomes null, which JSON can say."""
-    array = np.asarray(values, dtype=np.float64)
-    if array.ndim == 0:
-        return float(array) if np.isfinite(array) else None
-    return [numbers(row) for row in array]
 
 
 def accuracy_document(accuracy: Accuracy | None) -> dict[str, Any]:

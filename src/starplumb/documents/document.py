@@ -1,0 +1,99 @@
+"""What all documents have in common."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import Annotated, Any, Self
+
+import numpy as np
+from annotated_types import Len
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from ..io.text.write import json_text
+from ..physics.errors import InputError
+
+MOST_PROBLEMS = 3
+"""So many of the things that are wrong with a document are said."""
+
+Number = float | None
+"""A number, or null where none can be stated."""
+Triple = Annotated[list[float], Len(3, 3)]
+Numbers3 = Annotated[list[Number], Len(3, 3)]
+"""About x, y, z of the star tracker."""
+Matrix3 = Annotated[list[Triple], Len(3, 3)]
+MatrixOrNulls3 = Annotated[list[Numbers3], Len(3, 3)]
+
+
+class Part(BaseModel):
+    """A part of a document.  Keys that it does not know are kept: later versions may add some."""
+
+    model_config = ConfigDict(frozen=True, extra="allow", allow_inf_nan=False, validate_by_name=True)
+
+
+class Document(Part):
+    """A whole document; ``schema`` names its kind and edition."""
+
+    schema_: str = Field(alias="schema")
+
+    @classmethod
+    def of(cls, document: Mapping[str, Any]) -> Self:
+        """The document of a dictionary, checked."""
+        return cls.model_validate(document)
+
+    @classmethod
+    def from_json(cls, text: str, name: str) -> Self:
+        """The document of a JSON text.  Raises InputError, one sentence, where it is not such a document."""
+        wanted = cls.kind()
+        try:
+            given = json.loads(text)
+        except (ValueError, RecursionError) as error:
+            raise InputError(
+                f"{name}: found what is not JSON ({error}), wanted a {wanted} document"
+            ) from None
+        found = given.get("schema") if isinstance(given, dict) else None
+        if found != wanted:
+            raise InputError(f"{name}: schema: found {found!r}, wanted {wanted!r}")
+        try:
+            return cls.of(given)
+        except ValidationError as error:
+            raise InputError(f"{name}: {_problems(error)}, wanted a {wanted} document") from None
+
+    @classmethod
+    def kind(cls) -> str:
+        """What ``schema`` is in such a document."""
+        return str(cls.model_fields["schema_"].annotation.__args__[0])  # type: ignore[union-attr]
+
+    def to_dict(self) -> dict[str, Any]:
+        """The document as a dictionary, its keys in the order of the file."""
+        return self.model_dump(by_alias=True, exclude_unset=True)
+
+    def to_json(self) -> str:
+        """The document as the text of its file."""
+        return json_text(self.to_dict())
+
+
+def _problems(error: ValidationError) -> str:
+    """What is wrong, what is missing last: a wrong value says more than a key that is not there."""
+    found = sorted(error.errors(include_url=False), key=lambda detail: detail["type"] == "missing")
+    lines = [_problem(detail["loc"], detail["type"], detail["msg"], detail["input"]) for detail in found]
+    more = len(lines) - MOST_PROBLEMS
+    return "; ".join(lines[:MOST_PROBLEMS]) + (f"; and {more} more" if more > 0 else "")
+
+
+def _problem(loc: tuple[int | str, ...], kind: str, message: str, given: object) -> str:
+    key = ".".join(str(part) for part in loc)
+    if kind == "missing":
+        return f"{key}: missing"
+    if kind == "value_error":
+        return message.removeprefix("Value error, ")
+    text = " ".join(str(given).split())
+    return f"{key}: found {text if len(text) <= 40 else text[:37] + '...'} ({message})"
+
+
+def numbers(values: Any) -> Any:
+    """Nested lists of floats; a number that is not finite becomes None, which JSON can say."""
+    array = np.asarray(values, dtype=np.float64)
+    if array.ndim == 0:
+        return float(array) if np.isfinite(array) else None
+    return [numbers(row) for row in array]

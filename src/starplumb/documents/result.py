@@ -1,0 +1,201 @@
+"""``result.json``: what a calibration found."""
+
+from __future__ import annotations
+
+from typing import Any, Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
+
+from ..physics.units import ARCSEC
+from .document import Document, Matrix3, MatrixOrNulls3, Number, Numbers3, Part
+
+SCHEMA = "starplumb-result/1"
+USABLE = ("ok", "weak")
+ROTATION = 1e-6
+"""A matrix farther from a rotation than this is none."""
+ROUNDING = 1e-9
+"""Part of its largest entry by which a covariance may fail to be symmetric or positive."""
+
+
+class Mounting(Part):
+    """The mounting: coordinates in ``from`` times ``matrix`` are coordinates in ``to``."""
+
+    from_: str = Field(alias="from")
+    to: str
+    matrix: Matrix3
+    quaternion_xyzw: list[float] | None = None
+
+
+class Fit(Part):
+    """Counts and quality of the fit."""
+
+    images: int
+    observations: int
+    degrees_of_freedom: int
+    chi2: Number = None
+    chi2_p: Number = None
+    rms_px: Number = None
+    rms_own_px: Number = None
+    iterations: int | None = None
+
+
+class Accuracy(Part):
+    """Horizontal geolocation error: root mean square and circular 90 %, m."""
+
+    rmse_m: Number
+    ce90_m: Number
+
+
+class Check(Accuracy):
+    """That of the check points after the calibration, and ``before``."""
+
+    observations: int
+    before: Accuracy
+
+
+class Geolocation(Part):
+    """Geolocation errors with the model mounting and with the new one."""
+
+    before: Accuracy
+    after: Accuracy
+    check: Check | None
+
+
+class Rejected(Part):
+    """An observation that was left out."""
+
+    image_id: str
+    landmark_id: str
+    statistic: Number
+    reason: str
+
+
+class Share(Part):
+    """What one error source alone contributes to the sigmas."""
+
+    source: str
+    sigma_arcsec: Numbers3
+
+
+class Parameter(Part):
+    """A parameter that was estimated beside the alignment; ``known`` says whether the data determine it."""
+
+    name: str
+    unit: str
+    known: bool
+    correction: Number
+    sigma: Number
+    prior_sigma: Number
+
+
+class ParameterCovariance(Part):
+    """The covariance of the alignment and of these parameters."""
+
+    names: list[str]
+    matrix: list[list[Number]]
+
+
+class Residuals(Part):
+    """Residuals of an image or a landmark, px."""
+
+    observations: int
+    rms_px: Number
+    rms_own_px: Number
+
+
+class Image(Part):
+    """An image: its own estimated errors, and its residuals."""
+
+    image_id: str
+    attitude_error_arcsec: Numbers3
+    position_error_m: Numbers3
+    statistic: Number
+    observations: int
+    rms_px: Number
+    rms_own_px: Number
+
+
+class Landmark(Part):
+    """A landmark and its residuals."""
+
+    landmark_id: str
+    observations: int
+    rms_px: Number
+    rms_own_px: Number
+
+
+class ResultDocument(Document):
+    """``result.json``; ``sigma_arcsec`` and ``covariance_arcsec2`` are about x, y, z of the star tracker."""
+
+    schema_: Literal["starplumb-result/1"] = Field(alias="schema")
+    status: Literal["ok", "weak", "refuted", "singular", "not_converged"]
+    message: str
+    method: str
+    mounting: Mounting
+    correction_arcsec: Numbers3 | None
+    sigma_arcsec: Numbers3 | None
+    covariance_arcsec2: MatrixOrNulls3 | None
+    fit: Fit
+    geolocation: Geolocation
+    rejected: list[Rejected]
+    budget: list[Share] | None = None
+    parameters: list[Parameter] | None = None
+    parameter_covariance: ParameterCovariance | None = None
+    images: list[Image] | None = None
+    landmarks: list[Landmark] | None = None
+    not_listed: dict[str, int] | None = None
+    truth: dict[str, Any] | None = None
+    inputs: dict[str, str]
+    software: dict[str, str] | None = None
+    earth_orientation: dict[str, Any] | None = None
+    corrections: dict[str, bool] | None = None
+    notices: list[str] | None = None
+    labels: dict[str, int] | None = None
+
+    @model_validator(mode="after")
+    def _believable(self) -> Self:
+        """A usable result has a rotation and, if it states a covariance, one that is possible."""
+        if self.status in USABLE:
+            _require_rotation(self.C_EK)
+            if self.covariance_arcsec2 is not None:
+                _require_covariance(np.array(self.covariance_arcsec2, dtype=np.float64))
+        return self
+
+    @property
+    def usable(self) -> bool:
+        """Whether the mounting may be used."""
+        return self.status in USABLE
+
+    @property
+    def C_EK(self) -> NDArray[np.float64]:
+        """The mounting (3, 3)."""
+        return np.array(self.mounting.matrix, dtype=np.float64)
+
+    @property
+    def covariance_E(self) -> NDArray[np.float64] | None:
+        """The covariance (3, 3) rad^2 of its error about E; None where none is stated."""
+        stated = self.covariance_arcsec2
+        return None if stated is None else ARCSEC**2 * np.array(stated, dtype=np.float64)
+
+
+def _require_rotation(C: NDArray[np.float64]) -> None:
+    off = float(np.max(np.abs(C @ C.mT - np.eye(3))))
+    if not off <= ROTATION:
+        raise ValueError(f"mounting.matrix: found a matrix that is no rotation (C C^T is off by {off:.1g})")
+    if np.linalg.det(C) < 0.0:
+        raise ValueError("mounting.matrix: found a reflection (determinant -1) where a rotation must be")
+
+
+def _require_covariance(P: NDArray[np.float64]) -> None:
+    if not np.all(np.isfinite(P)):
+        raise ValueError("covariance_arcsec2: found null in a usable result")
+    size = float(np.max(np.abs(P)))
+    if np.max(np.abs(P - P.mT)) > ROUNDING * size:
+        raise ValueError("covariance_arcsec2: found a matrix that is not symmetric")
+    least = float(np.min(np.linalg.eigvalsh(P)))
+    if least < -ROUNDING * size:
+        raise ValueError(
+            f"covariance_arcsec2: found a negative variance ({least:.3g} arcsec^2 along one direction)"
+        )
