@@ -4,9 +4,9 @@
 
 A simulated campaign of so many sightings, each of a landmark of its own, 100 to an image, is written to a temporary
 folder with all its digits (written so, numbers cost the most).  CPU seconds of this process, best of several rounds
-(set OPENBLAS_NUM_THREADS=1), and the largest memory that loading takes above what it returns, by tracemalloc in a run
-of its own.  The rows of the observations are also read cell by cell by the standard library, as all files were once
-and unusual ones are still.  Markdown on stdout.
+(set OPENBLAS_NUM_THREADS=1), and the largest memory that loading takes above what it returns, Python's by tracemalloc
+and PyArrow's by its own count, in a run of its own.  The rows of the tables are also read row by row by the standard
+library, as small and unusual files are, and from Parquet.  Markdown on stdout.
 """
 
 from __future__ import annotations
@@ -14,53 +14,52 @@ from __future__ import annotations
 import argparse
 import tempfile
 import tracemalloc
-from collections.abc import Callable
-from functools import partial
 from pathlib import Path
-from typing import Any
 
+import pyarrow
 from calibrate import best, write
+from pyarrow import csv, parquet
 
 from starplumb.estimators.gls import Gls
 from starplumb.estimators.selfcal import SelfCalibration
 from starplumb.io.campaign.read import load_campaign
-from starplumb.io.tables import parsers as table_parsers
-from starplumb.io.tables.header import Wanted
-from starplumb.io.tables.plain import read_plain
-from starplumb.io.tables.rows import read_rows
+from starplumb.io.tables.arrow import columns_of_table, read_binary, read_large_csv
+from starplumb.io.tables.csv_rows import read_rows
+from starplumb.io.tables.schema import Schema
 from starplumb.table.geometry import observe
 from starplumb.table.parameters import OPTICS, Optics
 
 MARKERS = 100
-OBSERVATIONS = Wanted(("image_id", "landmark_id"), ("column_px", "row_px", "sigma_px"))
-LANDMARKS = Wanted(
+OBSERVATIONS = Schema(("image_id", "landmark_id"), ("column_px", "row_px", "sigma_px"))
+LANDMARKS = Schema(
     ("landmark_id",),
     ("latitude_deg", "longitude_deg", "height_m", "sigma_east_m", "sigma_north_m", "sigma_up_m"),
 )
 
 
-def parsers(path: Path, wanted: Wanted, rounds: int) -> list[tuple[str, float]]:
-    """CPU seconds to read the rows of a table with each parser."""
-    found = []
-    for name, make in (("PyArrow", table_parsers.arrow_parser), ("NumPy", table_parsers.numpy_parser)):
-        found.append((name, best(partial(_read, path, wanted, make), rounds)[0]))
-    found.append(("standard library, cell by cell", best(lambda: read_rows(path, wanted), 1)[0]))
-    return found
+def readers(path: Path, schema: Schema, rounds: int) -> list[tuple[str, float]]:
+    """CPU seconds to read the rows of a table each way."""
+    binary = path.with_suffix(".parquet")
+    parquet.write_table(csv.read_csv(path), binary)
+    return [
+        ("CSV by PyArrow", best(lambda: read_large_csv(path, schema), rounds)[0]),
+        ("CSV row by row", best(lambda: read_rows(path, schema), 1)[0]),
+        ("Parquet", best(lambda: columns_of_table("", read_binary(binary, "Parquet"), schema), rounds)[0]),
+    ]
 
 
-def _read(path: Path, wanted: Wanted, make: Callable[..., Any]) -> Any:
-    """The rows of a table by one parser, whatever the size of the file."""
-    return read_plain(path, wanted, lambda _, header, wanted: make(header, wanted))
-
-
-def above(path: Path) -> tuple[float, float]:
-    """Memory of a loaded campaign and the most that loading takes above it, MB."""
+def above(path: Path) -> tuple[float, float, float]:
+    """Memory of a loaded campaign, the most of Python's that loading takes above it, and the most of PyArrow's, MB."""
+    usual = pyarrow.default_memory_pool()
+    watched = pyarrow.proxy_memory_pool(usual)
+    pyarrow.set_memory_pool(watched)
     tracemalloc.start()
     loaded = load_campaign(path)
     kept, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
+    pyarrow.set_memory_pool(usual)
     del loaded
-    return kept / 2.0**20, (peak - kept) / 2.0**20
+    return kept / 2.0**20, (peak - kept) / 2.0**20, watched.max_memory() / 2.0**20
 
 
 def report(path: Path, rounds: int) -> None:
@@ -72,8 +71,8 @@ def report(path: Path, rounds: int) -> None:
         f"\n{campaign.sightings.image.size} sightings, {len(campaign.images.ids)} images, {size:.0f} MB of files\n"
     )
     print("| step | CPU s |\n|---|---|")
-    for file, wanted in (("observations.csv", OBSERVATIONS), ("landmarks.csv", LANDMARKS)):
-        for name, seconds in parsers(path.parent / file, wanted, rounds):
+    for file, schema in (("observations.csv", OBSERVATIONS), ("landmarks.csv", LANDMARKS)):
+        for name, seconds in readers(path.parent / file, schema, rounds):
             print(f"| rows of {file}, {name} | {seconds:.2f} |", flush=True)
     print(f"| the whole campaign, read and checked | {loading:.2f} |", flush=True)
     table, o = best(lambda: observe(campaign), rounds)
@@ -82,8 +81,9 @@ def report(path: Path, rounds: int) -> None:
     for name, estimator in (("gls", Gls()), ("gls with 8 numbers of interior orientation", optics)):
         seconds, _ = best(lambda estimator=estimator: estimator(o, campaign.C_EK), rounds)
         print(f"| {name} | {seconds:.2f} |", flush=True)
-    kept, more = above(path)
-    print(f"\nThe campaign takes {kept:.0f} MB; loading takes {more:.0f} MB above that at the most.")
+    kept, more, arrow = above(path)
+    at_most = f"{more:.0f} MB above that at the most, and {arrow:.0f} MB in PyArrow"
+    print(f"\nThe campaign takes {kept:.0f} MB; loading takes {at_most}.")
 
 
 def main() -> None:

@@ -789,7 +789,7 @@ MESSAGES = [
     BadCase(
         "object-of-a-table",
         swap(TOML, "sigma_m = 3.0", 'sigma_m = 3.0\nobject = "BIRD"'),
-        ("campaign.toml: ephemeris.object", "CSV table"),
+        ("campaign.toml: ephemeris.object", "beside a table"),
     ),
     BadCase("oem-no-oem", both(USE_OEM, put("orbit.oem", EPH)), ("orbit.oem",)),
     BadCase(

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import gc
 import json
-import sys
 import tracemalloc
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from starplumb.io.tables.lookup import WORTHWHILE, by_arrow, by_dictionary, places
+from starplumb.io.tables.arrow import TextColumn
+from starplumb.io.tables.lookup import places
 from starplumb.io.tables.read import read_table
 from starplumb.io.text.files import fingerprint, nearest, read_text, show
 from starplumb.io.text.write import csv_pieces, csv_text, json_text, publish, write_text
@@ -71,7 +72,7 @@ def test_columns_may_stand_in_any_order_and_extra_ones_are_told_once(tmp_path: P
 def test_lines_are_those_of_the_file(tmp_path: Path) -> None:
     content = '# one\n# two\nid,x\na,1\n\nb,2\n"c\nd",3\ne,4\n'
     read = read_table(table(tmp_path, content), texts=["id"], numbers=["x"])
-    assert read.line.tolist() == [4, 6, 8, 9]
+    assert [read.row_number(row) for row in range(4)] == [4, 6, 8, 9]
 
 
 @pytest.mark.slow
@@ -193,20 +194,21 @@ NAMES = st.text(st.sampled_from("ab \u00e9\U0001f6f0"), max_size=3)
 
 @pytest.mark.slow
 @given(known=st.lists(NAMES, unique=True), names=st.lists(NAMES))
-def test_names_are_found_alike_by_either_table(known: list[str], names: list[str]) -> None:
+def test_names_are_found_alike_in_a_list_and_in_arrow(known: list[str], names: list[str]) -> None:
     expected = [known.index(name) if name in known else -1 for name in names]
-    assert by_dictionary(names, tuple(known)).tolist() == expected
-    pytest.importorskip("pyarrow", reason="pyarrow is not installed")
-    assert by_arrow(names, tuple(known)).tolist() == expected
+    assert places(names, tuple(known)).tolist() == expected
+    assert places(TextColumn(pa.chunked_array([names], pa.string())), tuple(known)).tolist() == expected
 
 
-def test_many_names_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    known = [f"n{i}" for i in range(WORTHWHILE)]
-    names = [*known[::-7], "n", "n-1"]
-    expected = [*range(WORTHWHILE - 1, -1, -7), -1, -1]
-    assert places(names, known).tolist() == expected
-    monkeypatch.setitem(sys.modules, "pyarrow", None)
-    assert places(names, known).tolist() == expected
+@given(st.lists(st.lists(NAMES, max_size=3), max_size=3))
+def test_a_column_of_texts_is_a_sequence(chunks: list[list[str]]) -> None:
+    flat = [text for chunk in chunks for text in chunk]
+    column = TextColumn(pa.chunked_array(chunks, pa.string()))
+    assert len(column) == len(flat)
+    assert list(column) == flat
+    assert [column[i] for i in range(len(flat))] == flat
+    assert column[1:3] == flat[1:3]
+    assert column.all_differ() == (len(set(flat)) == len(flat))
 
 
 @given(st.lists(st.floats(), min_size=1))
@@ -232,7 +234,7 @@ def test_a_long_table_comes_in_pieces(tmp_path: Path) -> None:
     size = (tmp_path / "t.csv").stat().st_size
     assert peak < 0.8 * size
     read = read_table(tmp_path / "t.csv", texts=["name"], numbers=["a", "h"])
-    assert read.texts["name"] == names
+    assert list(read.texts["name"]) == names
     np.testing.assert_array_equal(read.numbers["h"], np.arange(n) / 7.0)
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +16,8 @@ from ...physics.series import Attitude
 from ...physics.trackers import FusedAttitude, TrackerSeries, sigma_at
 from ...physics.units import ARCSEC, DEG
 from ...table.campaign import Images
-from ..tables.read import Array, Epochs
+from ..tables.cells import Array
+from ..tables.read import Epochs, TableSource
 from ..text.files import show
 from . import motion
 from .attitude_config import CAMERA, AttitudeConfig, Mounting, Rotation, TrackerConfig
@@ -47,14 +47,14 @@ class Exposures:
 
 
 def read_attitude(
-    path: Path,
+    settings: str,
     config: CampaignConfig,
-    files: Mapping[str, Path],
+    files: Mapping[str, TableSource],
     orientation: EarthOrientation | None,
     exposures: Exposures,
     notices: list[str],
 ) -> tuple[Attitude | FusedAttitude, Array]:
-    """The attitude that the campaign at ``path`` names and its covariance about E, (3, 3) or (m, 3, 3) rad^2.
+    """The attitude that the document ``settings`` names and its covariance about E, (3, 3) or (m, 3, 3) rad^2.
 
     Raises InputError for a file that contradicts the campaign, a sigma that is nowhere stated, a tracker that covers
     only a part of an image, and trackers that contradict each other.
@@ -66,7 +66,7 @@ def read_attitude(
     }
     if config.attitude is not None:
         samples = read["attitude"]
-        sigma = _sigma(path, "attitude", config.attitude, samples, notices)
+        sigma = _sigma(settings, "attitude", config.attitude, samples, notices)
         cov_E = sigma_at(exposures.images.t_ns, samples.t_ns, sigma)[..., None] ** 2 * np.eye(3)
         return motion.attitude_series(samples, config.attitude, orientation), cov_E
     assert config.fusion is not None, "the rules want it with trackers"
@@ -75,17 +75,17 @@ def read_attitude(
             tracker.tracker,
             motion.attitude_series(read[f"trackers.{i}"], tracker, orientation),
             tracker_mounting(tracker),
-            _sigma(path, f"trackers.{i}", tracker, read[f"trackers.{i}"], notices),
+            _sigma(settings, f"trackers.{i}", tracker, read[f"trackers.{i}"], notices),
         )
         for i, tracker in enumerate(config.trackers or ())
     )
     for i, tracker in enumerate(trackers):
         if np.any(tracker.sigma_A <= 0.0):
             found = "found 0, which gives the tracker all the weight"
-            raise InputError(f"{path}: trackers.{i}.sigma_arcsec: {found}, wanted positive numbers")
+            raise InputError(f"{settings}: trackers.{i}.sigma_arcsec: {found}, wanted positive numbers")
     fused = FusedAttitude(trackers, config.fusion.method)
-    notices += _require_whole_images(path, fused, exposures)
-    notices += _require_agreement(path, fused, exposures)
+    notices += _require_whole_images(settings, fused, exposures)
+    notices += _require_agreement(settings, fused, exposures)
     return fused, fused.covariance_E(exposures.of_image)
 
 
@@ -130,21 +130,21 @@ def _from_euler(angles_deg: tuple[float, ...], order: str) -> Array:
 
 
 def _sigma(
-    path: Path, key: str, config: AttitudeConfig, samples: AttitudeSamples, notices: list[str]
+    settings: str, key: str, config: AttitudeConfig, samples: AttitudeSamples, notices: list[str]
 ) -> Array:
     """The table's own sigmas (n, 3) rad, else the campaign's (3,); one of them must be stated."""
     stated, own = config.sigma_arcsec, samples.sigma
     if own is None and stated is None:
         raise InputError(
-            f"{path}: {key}.sigma_arcsec: missing, wanted one number or three, which the solution needs "
+            f"{settings}: {key}.sigma_arcsec: missing, wanted one number or three, which the solution needs "
             f"(or the columns {', '.join(motion.SIGMA_ATTITUDE)} in {config.file})"
         )
     if own is not None and stated is not None:
-        notices.append(f"{path}: {key}.sigma_arcsec gives way to the sigmas in {config.file}")
+        notices.append(f"{settings}: {key}.sigma_arcsec gives way to the sigmas in {config.file}")
     return own if own is not None else ARCSEC * np.array(stated)
 
 
-def _require_whole_images(path: Path, fused: FusedAttitude, exposures: Exposures) -> list[str]:
+def _require_whole_images(settings: str, fused: FusedAttitude, exposures: Exposures) -> list[str]:
     """A notice for each tracker that misses images; a tracker must not come and go within one image."""
     names, image = exposures.images.ids, exposures.image
     used = fused.used(exposures.t_ns)
@@ -156,7 +156,7 @@ def _require_whole_images(path: Path, fused: FusedAttitude, exposures: Exposures
     for j, tracker in enumerate(fused.trackers):
         if np.any(part := some[:, j] & ~whole[:, j]):
             raise InputError(
-                f"{path}: found the tracker {show(tracker.name)} ({tracker.attitude.name}) to cover only a part of "
+                f"{settings}: found the tracker {show(tracker.name)} ({tracker.attitude.name}) to cover only a part of "
                 f"image {show(names[int(np.argmax(part))])}, wanted all of its markers or none of them"
             )
         missed = np.flatnonzero(~whole[:, j] & np.any(some, axis=1))
@@ -169,14 +169,14 @@ def _require_whole_images(path: Path, fused: FusedAttitude, exposures: Exposures
     return told
 
 
-def _require_agreement(path: Path, fused: FusedAttitude, exposures: Exposures) -> list[str]:
+def _require_agreement(settings: str, fused: FusedAttitude, exposures: Exposures) -> list[str]:
     """A notice where the trackers disagree by more than their sigmas allow; InputError beyond a degree."""
     t_ns = exposures.of_image
     images = np.flatnonzero(np.any(fused.used(t_ns), axis=0))
     try:
         residual, chi2 = fused.residuals(t_ns[images]), fused.disagreement(t_ns[images])
     except InputError as error:
-        raise InputError(f"{path}: trackers: {error}") from None
+        raise InputError(f"{settings}: trackers: {error}") from None
     angle = np.nan_to_num(np.linalg.norm(residual, axis=-1))
     if not angle.size:
         return []
@@ -184,13 +184,13 @@ def _require_agreement(path: Path, fused: FusedAttitude, exposures: Exposures) -
     where = f"the tracker {show(fused.trackers[j].name)} at image {show(exposures.images.ids[images[i]])}"
     if angle[j, i] > APART:
         found = f"found {where} {angle[j, i] / DEG:.3g} deg from the trackers' average"
-        raise InputError(f"{path}: {found}, wanted mountings and attitudes of the trackers that agree")
+        raise InputError(f"{settings}: {found}, wanted mountings and attitudes of the trackers that agree")
     freedom = int(3 * np.sum(np.isfinite(residual[..., 0])) - 3 * images.size)
     total = float(np.sum(chi2))
     if chi2_p(total, freedom) > IMPLAUSIBLE_P:
         return []
     times = np.sqrt(total / freedom)
     return [
-        f"{path}: the star trackers disagree, {times:.2g} times what their sigmas allow: found {where} "
+        f"{settings}: the star trackers disagree, {times:.2g} times what their sigmas allow: found {where} "
         f"{angle[j, i] / ARCSEC:.3g} arcsec from their average; a mounting of theirs may be off"
     ]

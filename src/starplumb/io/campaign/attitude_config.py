@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field
 
+from ..tables.read import TABLE_SUFFIXES
 from ..text.files import show
 from ..text.sections import Section
 from ..text.values import (
@@ -29,7 +30,7 @@ CAMERA = "camera"
 EARTH_FRAMES = ("GCRF", "J2000", "ITRF")
 """Frames an attitude may start from or lead to; J2000 is read as a synonym of GCRF."""
 
-SUFFIXES = (".csv", ".aem", ".xml")
+SUFFIXES = (*TABLE_SUFFIXES, ".aem", ".xml")
 """Endings of files of attitude."""
 
 _ROTATIONS = ("quaternion_xyzw", "quaternion_wxyz", "matrix", "rotation_vector_deg", "euler_deg")

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 
 from ...physics.camera import Camera, Distortion, FrameCamera, LineScanCamera
 from ...physics.errors import InputError
 from ...physics.units import MM, UM
-from ..tables.read import read_table
+from ..tables.read import TableSource, read_table
 from .config import CameraConfig
 
 
@@ -18,7 +16,7 @@ def pixel_shift(config: CameraConfig) -> float:
     return 0.5 if config.pixel_origin == "corner" else 0.0
 
 
-def read_camera(config: CameraConfig, look_angles: Path | None, notices: list[str]) -> Camera:
+def read_camera(config: CameraConfig, look_angles: TableSource | None, notices: list[str]) -> Camera:
     """The camera of the [camera] section; ``look_angles`` is its table of look directions, if it names
     one."""
     shift = pixel_shift(config)
@@ -40,11 +38,11 @@ def read_camera(config: CameraConfig, look_angles: Path | None, notices: list[st
     )
 
 
-def _tabulated_camera(config: CameraConfig, path: Path, notices: list[str]) -> LineScanCamera:
-    table = read_table(path, numbers=("column_px", "tan_x", "tan_y"))
+def _tabulated_camera(config: CameraConfig, source: TableSource, notices: list[str]) -> LineScanCamera:
+    table = read_table(source, numbers=("column_px", "tan_x", "tan_y"))
     notices += table.notices
     if len(table) < 2:
-        raise InputError(f"{path}: found one detector, wanted the look directions of at least two")
+        raise InputError(f"{source}: found one detector, wanted the look directions of at least two")
     column, tan_x = table.numbers["column_px"], table.numbers["tan_x"]
     rises = np.concatenate([[True], np.diff(column) > 0.0])
     table.require(rises, "column_px", "columns that increase")
@@ -54,5 +52,5 @@ def _tabulated_camera(config: CameraConfig, path: Path, notices: list[str]) -> L
     columns = config.image_size_px[0] if config.image_size_px else int(np.floor(column[-1])) + 1
     if column[0] > 0.5 or column[-1] < columns - 1.5:
         found = f"found look directions for the columns {column[0]:g} to {column[-1]:g}"
-        raise InputError(f"{path}, column column_px: {found}, wanted them for 0 to {columns - 1}")
+        raise InputError(f"{source}, column column_px: {found}, wanted them for 0 to {columns - 1}")
     return LineScanCamera(column, tan_x, table.numbers["tan_y"], (float(columns), np.inf))

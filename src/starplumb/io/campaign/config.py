@@ -10,14 +10,27 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field
 
+from ..tables.read import TABLE_SUFFIXES
 from ..text.sections import Section
-from ..text.values import Frame, Pair, Positive, Quaternion, Sigma, Text, Triple, WholePair, choice, file_name
+from ..text.values import (
+    Frame,
+    InMemory,
+    Pair,
+    Positive,
+    Quaternion,
+    Sigma,
+    Text,
+    Triple,
+    WholePair,
+    choice,
+    file_name,
+)
 from .attitude_config import AttitudeConfig, FusionConfig, Mounting, TrackerConfig, attitude_rules
 
 SUFFIXES = {
-    "ephemeris": (".csv", ".oem", ".xml", ".sp3", ".bsp"),
-    "landmarks": (".csv", ".gpkg", ".geojson", ".json", ".shp"),
-    "table": (".csv",),
+    "ephemeris": (*TABLE_SUFFIXES, ".oem", ".xml", ".sp3", ".bsp"),
+    "landmarks": (*TABLE_SUFFIXES, ".gpkg", ".geojson", ".json", ".shp"),
+    "table": TABLE_SUFFIXES,
 }
 
 
@@ -26,7 +39,7 @@ class General(Section):
 
     name: Text = Field(description="the campaign's name in quotes")
     time_scale: Annotated[Literal["UTC", "TAI", "GPS", "TT"], choice("UTC", "TAI", "GPS", "TT")] = Field(
-        description='the scale of all times in the CSV tables, "UTC", "TAI", "GPS" or "TT"'
+        description='the scale of all times in the tables, "UTC", "TAI", "GPS" or "TT"'
     )
 
 
@@ -103,8 +116,12 @@ class EphemerisConfig(Section):
 
     @classmethod
     def rules(cls, given: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-        if "object" in given and str(given.get("file", "")).lower().endswith(".csv"):
-            yield "object", "found beside a CSV table, wanted it with a file that names its satellites only"
+        file = given.get("file", "")
+        if "object" in given and (isinstance(file, InMemory) or str(file).lower().endswith(TABLE_SUFFIXES)):
+            yield (
+                "object",
+                "found beside a table (CSV or the like), wanted it where the file names its satellites",
+            )
 
 
 class LandmarksConfig(Section):
@@ -133,7 +150,7 @@ class TableConfig(Section):
     """[images], [observations] or [detections]"""
 
     file: Annotated[str, BeforeValidator(file_name(*SUFFIXES["table"]))] = Field(
-        description="the name of a CSV table"
+        description="the name of a table (CSV, Parquet or Arrow)"
     )
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,9 +14,10 @@ from ...physics.errors import EpochError, InputError
 from ...physics.units import DEG
 from ...table.campaign import Detections, Images, Landmarks, Sightings
 from ..gis.heights import Ground
+from ..tables.cells import Array
 from ..tables.columns import CARTESIAN, GEODETIC, SIGMA_ENU
 from ..tables.lookup import places
-from ..tables.read import Array, Table, read_table
+from ..tables.read import Table, TableSource, other_format, read_table
 from ..text.files import nearest, show
 
 Index = NDArray[np.int64]
@@ -45,19 +45,19 @@ def epochs(table: Table, scale: str) -> NDArray[np.int64]:
     try:
         return timescales.parse(table.texts["time"], scale)
     except EpochError as error:
-        row = table.line[error.row]
-        raise InputError(f"{table.path}, row {row}, column time: {error}") from None
+        row = table.row_number(error.row)
+        raise InputError(f"{table.source}, row {row}, column time: {error}") from None
 
 
-def read_landmarks(path: Path, notices: list[str], ground: Ground | None = None) -> Landmarks:
-    """Landmarks of a CSV table or a vector file; ``ground`` says where heights come from and what they are above."""
-    if path.suffix.lower() != ".csv":
+def read_landmarks(source: TableSource, notices: list[str], ground: Ground | None = None) -> Landmarks:
+    """Landmarks of a table or a vector file; ``ground`` says where heights come from and what they are above."""
+    if path := other_format(source):
         from ..gis.vector import read_points
 
         table = read_points(path, flat=ground is not None and ground.dem is not None)
     else:
-        places = (*GEODETIC, *CARTESIAN, "sigma_m", *SIGMA_ENU)
-        table = read_table(path, texts=("landmark_id",), optional_numbers=places)
+        numbers = (*GEODETIC, *CARTESIAN, "sigma_m", *SIGMA_ENU)
+        table = read_table(source, texts=("landmark_id",), optional_numbers=numbers)
     notices += table.notices
     return landmarks_from(table if ground is None else _raised(table, ground))
 
@@ -68,13 +68,15 @@ def _raised(table: Table, ground: Ground) -> Table:
         return table
     if CARTESIAN[0] in table.numbers:
         found = f"found Cartesian places beside {ground.words[0 if ground.dem else 1]}"
-        raise InputError(f"{table.path}: {found}, wanted latitude_deg and longitude_deg with it")
+        raise InputError(f"{table.source}: {found}, wanted latitude_deg and longitude_deg with it")
     missing = [name for name in GEODETIC[:2] if name not in table.numbers]
     if missing:
-        raise InputError(f"{table.path}: found no column {missing[0]}, wanted latitude_deg and longitude_deg")
+        raise InputError(
+            f"{table.source}: found no column {missing[0]}, wanted latitude_deg and longitude_deg"
+        )
     latitude, longitude = (DEG * table.numbers[name] for name in GEODETIC[:2])
     stated = table.numbers.get("height_m")
-    height = ground.ellipsoidal(table.path, stated, latitude, longitude, tuple(table.texts["landmark_id"]))
+    height = ground.ellipsoidal(table.source, stated, latitude, longitude, tuple(table.texts["landmark_id"]))
     return replace(table, numbers=table.numbers | {"height_m": height})
 
 
@@ -84,7 +86,7 @@ def landmarks_from(table: Table) -> Landmarks:
     The covariance in J is ``C_JT diag(sigma^2) C_TJ``. Raises InputError for a place that is not on the
     Earth's surface, a sigma below 0 (0 claims an exact landmark) or a landmark that is there twice.
     """
-    table.require_distinct(table.texts["landmark_id"], "landmark_id", "each landmark once")
+    table.require_distinct("landmark_id", "each landmark once")
     if _one_of(table, GEODETIC, CARTESIAN) == GEODETIC:
         for name, (low, high) in LIMITS.items():
             x = table.numbers[name]
@@ -122,43 +124,43 @@ def require_radius(table: Table, r: Array, limits: tuple[float, float], what: st
         row = int(np.argmin(good))
         wanted = f"{what} {limits[0] / 1e3:g} to {limits[1] / 1e3:g} km"
         unit = " (are these kilometres?)" if limits[0] <= 1e3 * np.median(radius) <= limits[1] else ""
-        where = f"{table.path}, row {table.line[row]}, columns x_m, y_m, z_m"
+        where = f"{table.source}, row {table.row_number(row)}, columns x_m, y_m, z_m"
         raise InputError(f"{where}: found {radius[row]:.7g} m, wanted {wanted}{unit}")
 
 
-def read_images(path: Path, scale: str, scans: bool, notices: list[str]) -> Images:
+def read_images(source: TableSource, scale: str, scans: bool, notices: list[str]) -> Images:
     """Images with their epochs; the line period, which a line scanner needs and a frame camera has not."""
     table = read_table(
-        path, texts=("image_id", "time"), optional_texts=("tracker",), optional_numbers=("line_period_s",)
+        source, texts=("image_id", "time"), optional_texts=("tracker",), optional_numbers=("line_period_s",)
     )
     notices += table.notices
-    table.require_distinct(table.texts["image_id"], "image_id", "each image once")
+    table.require_distinct("image_id", "each image once")
     period = table.numbers.get("line_period_s")
     if scans and period is None:
-        raise InputError(f"{path}: found no column line_period_s, wanted it for a line-scan camera")
+        raise InputError(f"{source}: found no column line_period_s, wanted it for a line-scan camera")
     if scans and period is not None:
         wanted = "a positive number of seconds (negative where later rows are exposed earlier)"
         table.require(period != 0.0, "line_period_s", wanted)
     elif period is not None:
-        notices.append(f"{path}: ignored the column line_period_s, which a frame camera has not")
+        notices.append(f"{source}: ignored the column line_period_s, which a frame camera has not")
         period = None
     tracker = table.texts.get("tracker")
     return Images(
         tuple(table.texts["image_id"]),
         epochs(table, scale),
         period,
-        str(path),
+        str(source),
         None if tracker is None else tuple(tracker),
     )
 
 
 def read_observations(
-    path: Path, images: Sequence[str], landmarks: Sequence[str], grid: Grid, notices: list[str]
+    source: TableSource, images: Sequence[str], landmarks: Sequence[str], grid: Grid, notices: list[str]
 ) -> Sightings:
     """Sightings of known landmarks; every row is taken or refused, images and landmarks without one are
     told."""
     table = read_table(
-        path,
+        source,
         texts=("image_id", "landmark_id"),
         numbers=("column_px", "row_px", "sigma_px"),
         optional_texts=("role",),
@@ -169,16 +171,16 @@ def read_observations(
     _require_new_pairs(table, image, landmark, len(landmarks))
     column, row, sigma = _pixels(table, grid)
     check = _roles(table)
-    notices += _unseen(path, "image", images, image) + _unseen(path, "landmark", landmarks, landmark)
+    notices += _unseen(source, "image", images, image) + _unseen(source, "landmark", landmarks, landmark)
     return Sightings(image, landmark, column, row, sigma, check)
 
 
-def read_detections(path: Path, images: Sequence[str], grid: Grid, notices: list[str]) -> Detections:
+def read_detections(source: TableSource, images: Sequence[str], grid: Grid, notices: list[str]) -> Detections:
     """Marker images whose landmark is not known."""
-    table = read_table(path, texts=("image_id",), numbers=("column_px", "row_px", "sigma_px"))
+    table = read_table(source, texts=("image_id",), numbers=("column_px", "row_px", "sigma_px"))
     notices += table.notices
     image = _lookup(table, "image_id", images, "images")
-    notices += _unseen(path, "image", images, image)
+    notices += _unseen(source, "image", images, image)
     return Detections(image, *_pixels(table, grid))
 
 
@@ -187,7 +189,9 @@ def _one_of(table: Table, a: tuple[str, ...], b: tuple[str, ...]) -> tuple[str, 
     there = [columns for columns in (a, b) if table.has(*columns)]
     if len(there) != 1:
         found = f"both {a[0]} and {b[0]}" if there else f"neither {a[0]} nor {b[0]}"
-        raise InputError(f"{table.path}: found {found}, wanted the columns {', '.join(a)} or {', '.join(b)}")
+        raise InputError(
+            f"{table.source}: found {found}, wanted the columns {', '.join(a)} or {', '.join(b)}"
+        )
     return there[0]
 
 
@@ -211,8 +215,8 @@ def _require_new_pairs(table: Table, image: Index, landmark: Index, n_landmarks:
     earlier = first[back]
     row = int(np.argmax(earlier != np.arange(pair.size)))
     ids = f"{show(table.texts['landmark_id'][row])} in image {show(table.texts['image_id'][row])}"
-    where = f"{table.path}, row {table.line[row]}, column landmark_id"
-    first_row = table.line[earlier[row]]
+    where = f"{table.source}, row {table.row_number(row)}, column landmark_id"
+    first_row = table.row_number(int(earlier[row]))
     raise InputError(f"{where}: found {ids} again (first in row {first_row}), wanted each pair once")
 
 
@@ -244,17 +248,17 @@ def _roles(table: Table) -> NDArray[np.bool_]:
     check = np.fromiter(map("check".__eq__, roles), dtype=np.bool_, count=len(roles))
     if check.all():
         raise InputError(
-            f"{table.path}, column role: found only check points, wanted some with the role control"
+            f"{table.source}, column role: found only check points, wanted some with the role control"
         )
     return check
 
 
-def _unseen(path: Path, kind: str, ids: Sequence[str], seen: Index) -> list[str]:
+def _unseen(source: TableSource, kind: str, ids: Sequence[str], seen: Index) -> list[str]:
     """A notice about images or landmarks without a row."""
     unseen = [ids[i] for i in np.flatnonzero(np.bincount(seen, minlength=len(ids)) == 0).tolist()]
     if not unseen:
         return []
     named = ", ".join(unseen[:3]) + (f" and {len(unseen) - 3} more" if len(unseen) > 3 else "")
     return [
-        f"{path}: found no row of the {kind}{'s' * (len(unseen) > 1)} {named}, which therefore adds nothing"
+        f"{source}: found no row of the {kind}{'s' * (len(unseen) > 1)} {named}, which therefore adds nothing"
     ]

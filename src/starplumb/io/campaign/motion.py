@@ -15,8 +15,9 @@ from ...physics.series import Attitude, Ephemeris
 from ...physics.timescales import format_iso
 from ...physics.units import ARCSEC
 from ..formats.series_tables import AttitudeTable, EphemerisTable
+from ..tables.cells import Array
 from ..tables.columns import CARTESIAN
-from ..tables.read import Array, Epochs, Table, read_table
+from ..tables.read import Epochs, Table, TableSource, other_format, read_table
 from ..text.files import show
 from ..text.frames import earth_frame
 from ..text.values import UNIT_TOLERANCE
@@ -47,7 +48,7 @@ class AttitudeSamples:
 
 
 def read_ephemeris(
-    path: Path,
+    source: TableSource,
     config: EphemerisConfig,
     scale: str,
     images_t_ns: Epochs,
@@ -58,38 +59,32 @@ def read_ephemeris(
 
     Raises InputError where the file contradicts the campaign or holds no orbit around the Earth.
     """
-    match path.suffix.lower():
-        case ".csv":
-            table = _csv_ephemeris(path, config, scale)
-        case ".sp3":
-            from ..formats.sp3 import read_sp3
-
-            table = read_sp3(path, config.object)
-        case ".bsp":
-            table = _kernel(path, config, images_t_ns)
-        case _:
-            table = _message(path, config)
+    if path := other_format(source):
+        table = _standard_ephemeris(path, config, images_t_ns)
+    else:
+        table = _ephemeris_table(source, config, scale)
     notices += table.notices
     if table.frame != config.frame:
         word = show(table.frame_text or table.frame)
-        raise InputError(f"{path}: found the frame {word}, wanted {config.frame} as ephemeris.frame says")
-    _require_orbit(path, table)
+        raise InputError(f"{source}: found the frame {word}, wanted {config.frame} as ephemeris.frame says")
+    _require_orbit(source, table)
     r_J, v_J = table.r, table.v
     if orientation is not None and table.frame == "GCRF":
-        r_J, v_J = earth_fixed(path, table, orientation)
+        r_J, v_J = earth_fixed(source, table, orientation)
     try:
         starts = tuple(start for start, _ in table.segments[1:])
-        return Ephemeris(table.t_ns, r_J, v_J, config.max_gap_s, str(path), starts)
+        return Ephemeris(table.t_ns, r_J, v_J, config.max_gap_s, str(source), starts)
     except InputError as error:
-        raise InputError(f"{path}: {error}") from None
+        raise InputError(f"{source}: {error}") from None
 
 
 def read_attitude(
-    path: Path, config: AttitudeConfig, scale: str, notices: list[str], key: str = "attitude"
+    source: TableSource, config: AttitudeConfig, scale: str, notices: list[str], key: str = "attitude"
 ) -> AttitudeSamples:
     """The attitude as C_EF of the section ``key``, E the star tracker's frame and F the Earth's or the inertial one."""
-    if path.suffix.lower() == ".csv":
-        return _csv_attitude(path, config, scale, notices)
+    path = other_format(source)
+    if path is None:
+        return _attitude_table(source, config, scale, notices)
     from ..formats.aem import read_aem
 
     table = read_aem(path)
@@ -98,21 +93,21 @@ def read_attitude(
 
 
 def earth_fixed(
-    path: Path, table: EphemerisTable, orientation: EarthOrientation
+    source: TableSource, table: EphemerisTable, orientation: EarthOrientation
 ) -> tuple[Array, Array | None]:
     """Inertial states in J at their own epochs: ``r_J = C_JI r_I`` and ``v_J = C_JI v_I - omega x r_J``."""
     try:
         C_JI = orientation.C_IJ(table.t_ns).mT
     except EpochError as error:
-        raise InputError(f"{path}, sample {error.row + 1}: {error}") from None
+        raise InputError(f"{source}, sample {error.row + 1}: {error}") from None
     r_J = np.einsum("nij,nj->ni", C_JI, table.r)
     if table.v is None:
         return r_J, None
     return r_J, np.einsum("nij,nj->ni", C_JI, table.v) - np.cross([0.0, 0.0, OMEGA_EARTH], r_J)
 
 
-def _csv_ephemeris(path: Path, config: EphemerisConfig, scale: str) -> EphemerisTable:
-    table = read_table(path, texts=("time",), numbers=CARTESIAN, optional_numbers=VELOCITY)
+def _ephemeris_table(source: TableSource, config: EphemerisConfig, scale: str) -> EphemerisTable:
+    table = read_table(source, texts=("time",), numbers=CARTESIAN, optional_numbers=VELOCITY)
     require_radius(table, table.columns(*CARTESIAN), ORBIT_RADIUS_M, "an orbit, from the Earth's centre")
     return EphemerisTable(
         _increasing(table, scale),
@@ -124,6 +119,19 @@ def _csv_ephemeris(path: Path, config: EphemerisConfig, scale: str) -> Ephemeris
         segments=((0, len(table)),),
         notices=tuple(table.notices),
     )
+
+
+def _standard_ephemeris(path: Path, config: EphemerisConfig, images_t_ns: Epochs) -> EphemerisTable:
+    """The orbit of a file in a standard format, told by its ending."""
+    match path.suffix.lower():
+        case ".sp3":
+            from ..formats.sp3 import read_sp3
+
+            return read_sp3(path, config.object)
+        case ".bsp":
+            return _kernel(path, config, images_t_ns)
+        case _:
+            return _message(path, config)
 
 
 def _kernel(path: Path, config: EphemerisConfig, images_t_ns: Epochs) -> EphemerisTable:
@@ -147,7 +155,7 @@ def _message(path: Path, config: EphemerisConfig) -> EphemerisTable:
     return table
 
 
-def _require_orbit(path: Path, table: EphemerisTable) -> None:
+def _require_orbit(source: TableSource, table: EphemerisTable) -> None:
     """Positions about another centre, or in wrong units, are seen by their radius."""
     radius = np.linalg.norm(table.r, axis=-1)
     low, high = ORBIT_RADIUS_M
@@ -155,7 +163,7 @@ def _require_orbit(path: Path, table: EphemerisTable) -> None:
     if not good.all():
         row = int(np.argmin(good))
         time = format_iso(table.t_ns[row], table.time_scale, 3)[0]
-        where = f"{path}, the position at {time} {table.time_scale}"
+        where = f"{source}, the position at {time} {table.time_scale}"
         found = f"found it {radius[row]:.7g} m from the Earth's centre"
         raise InputError(f"{where}: {found}, wanted {low / 1e3:g} to {high / 1e3:g} km")
 
@@ -167,14 +175,16 @@ def _increasing(table: Table, scale: str) -> Epochs:
     if late.any():
         row = int(np.argmax(late)) + 1
         again = "again" if t_ns[row] == t_ns[row - 1] else f"after {show(table.texts['time'][row - 1])}"
-        found = f"{show(table.texts['time'][row])} {again} (row {table.line[row - 1]})"
-        where = f"{table.path}, row {table.line[row]}, column time"
+        found = f"{show(table.texts['time'][row])} {again} (row {table.row_number(row - 1)})"
+        where = f"{table.source}, row {table.row_number(row)}, column time"
         raise InputError(f"{where}: found {found}, wanted times that increase")
     return t_ns
 
 
-def _csv_attitude(path: Path, config: AttitudeConfig, scale: str, notices: list[str]) -> AttitudeSamples:
-    table = read_table(path, texts=("time",), numbers=QUATERNION, optional_numbers=SIGMA_ATTITUDE)
+def _attitude_table(
+    source: TableSource, config: AttitudeConfig, scale: str, notices: list[str]
+) -> AttitudeSamples:
+    table = read_table(source, texts=("time",), numbers=QUATERNION, optional_numbers=SIGMA_ATTITUDE)
     notices += table.notices
     t_ns = _increasing(table, scale)
     q = table.columns(*QUATERNION)
@@ -182,7 +192,7 @@ def _csv_attitude(path: Path, config: AttitudeConfig, scale: str, notices: list[
     off = np.abs(norm - 1.0) > UNIT_TOLERANCE
     if off.any():
         row = int(np.argmax(off))
-        where = f"{path}, row {table.line[row]}, columns qx, qy, qz, qw"
+        where = f"{source}, row {table.row_number(row)}, columns qx, qy, qz, qw"
         raise InputError(f"{where}: found a quaternion of norm {norm[row]:.6g}, wanted norm 1")
     sigma = None
     if table.has(*SIGMA_ATTITUDE):
@@ -190,7 +200,7 @@ def _csv_attitude(path: Path, config: AttitudeConfig, scale: str, notices: list[
             table.require(table.numbers[name] > 0.0, name, "a positive number of arcseconds")
         sigma = ARCSEC * table.columns(*SIGMA_ATTITUDE)
     q, frame = _to_tracker(q / norm[:, None], config.source, config.target)
-    return AttitudeSamples(t_ns, q, frame, sigma, str(path))
+    return AttitudeSamples(t_ns, q, frame, sigma, str(source))
 
 
 def _standard_attitude(

@@ -1,10 +1,11 @@
-"""A campaign from its folder: ``campaign.toml`` and the files it names, checked and brought inside as
-physics."""
+"""A campaign from its settings and tables, files or data frames, checked and brought inside as physics."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -15,14 +16,16 @@ from ...physics.orientation import EarthOrientation
 from ...physics.units import ARCSEC
 from ...table.campaign import Campaign, Detections, Sightings
 from ..gis.heights import Ground
-from ..tables.read import Array
+from ..tables.cells import Array
+from ..tables.read import Frame, TableSource
 from ..text.files import fingerprint, trouble
-from ..text.toml import check, read_toml, refuse
+from ..text.toml import check, refuse
 from . import markers, motion
 from .attitude import Exposures, model_mounting, read_attitude
 from .attitude_config import Mounting
 from .camera import pixel_shift, read_camera
 from .config import CampaignConfig, LandmarksConfig
+from .settings import Settings, read_settings
 
 _EXACT = 1e-6
 """A matrix this near to orthonormal is taken as a rotation written with its digits; beyond it a notice says
@@ -65,23 +68,35 @@ class LoadedCampaign:
         return pixel_shift(self.config.camera)
 
 
-def load_campaign(path: Path, *, with_detections: bool = False) -> LoadedCampaign:
-    """Read ``campaign.toml`` at ``path`` and every file it names, which stand relative to its folder.
+def load_campaign(
+    settings: Path | Mapping[str, Any],
+    tables: Mapping[str, object] | None = None,
+    *,
+    with_detections: bool = False,
+) -> LoadedCampaign:
+    """Read a campaign: ``settings`` is the path of ``campaign.toml`` or its content as a dictionary.
+
+    ``tables`` go before the files that the settings name, and their sections need no ``file``: each is a path or a
+    data frame (pandas, polars, PyArrow and any other that gives Arrow data, or a mapping of columns), by the name of
+    its section: ``ephemeris``, ``attitude`` (or ``trackers.0``, ...), ``landmarks``, ``images``, ``observations`` or
+    ``detections``, or ``look_angles``; None is as if left out. Rows of data frames are counted from 0. Files that the
+    settings name stand relative to the folder of ``campaign.toml``, else to the working directory.
 
     ``with_detections`` says that the caller can do without known landmarks; a campaign with [detections] is
-    else refused. Raises InputError, one sentence, for the first file that cannot be used.
+    else refused. Raises InputError, one sentence, for the first file or table that cannot be used.
     """
-    config = check(read_toml(path), CampaignConfig, path)
-    files = _locate(config, path)
+    given = read_settings(settings, tables)
+    config = check(given.document, CampaignConfig, given.name)
+    files = _locate(config, given)
     if config.detections is not None and not with_detections:
         raise InputError(
-            f"{path}: detections: found marker images whose landmarks are not known, wanted [observations]: "
+            f"{given.name}: detections: found marker images whose landmarks are not known, wanted [observations]: "
             "label the detections first"
         )
     notices: list[str] = []
     orientation = _orientation(config, files)
-    campaign, detections = _assemble(config, files, orientation, notices, path)
-    inputs = {"campaign.toml": fingerprint(path)}
+    campaign, detections = _assemble(config, files, orientation, notices, given.name)
+    inputs = dict(given.digest)
     for key, name in _named(config).items():
         inputs |= _fingerprints(name, files[key])
     return LoadedCampaign(campaign, config, inputs, tuple(notices), orientation, detections)
@@ -106,35 +121,43 @@ def _named(config: CampaignConfig) -> dict[str, str]:
     return named | attitudes | {key: name for key, name in optional.items() if name}
 
 
-def _locate(config: CampaignConfig, path: Path) -> dict[str, Path]:
-    """Where each named file is. Raises InputError that lists all those that cannot be opened."""
-    files = {key: path.parent / name for key, name in _named(config).items()}
-    faults = {key: trouble(place) for key, place in files.items()}
+def _locate(config: CampaignConfig, given: Settings) -> dict[str, TableSource]:
+    """Every table given, and where each named file is. Raises InputError that lists all that cannot be opened."""
+    files = {key: given.tables.get(key, given.folder / name) for key, name in _named(config).items()}
+    faults = {key: trouble(place) for key, place in files.items() if isinstance(place, Path)}
     problems = [f"{key}: {files[key]}: {fault}" for key, fault in faults.items() if fault]
     if problems:
-        raise refuse(path, problems)
+        raise refuse(given.name, problems)
     return files
 
 
-def _fingerprints(name: str, place: Path) -> dict[str, str]:
-    """Digest of a file, and of those that belong to it: a shapefile keeps its attributes in a second one."""
+def _path(files: Mapping[str, TableSource], key: str) -> Path | None:
+    """The file of a key that no data frame can stand for, where there is one."""
+    place = files.get(key)
+    return place if isinstance(place, Path) else None
+
+
+def _fingerprints(name: str, place: TableSource) -> dict[str, str]:
+    """Digest of a table or file, and of those that belong to it: a shapefile keeps its attributes in a second one."""
+    if isinstance(place, Frame):
+        return {name: place.fingerprint()}
     parts = {Path(name).with_suffix(end).as_posix(): place.with_suffix(end) for end in (".dbf", ".prj")}
     beside = {key: part for key, part in parts.items() if place.suffix.lower() == ".shp" and part.is_file()}
     return {key: fingerprint(part) for key, part in ({name: place} | beside).items()}
 
 
-def _orientation(config: CampaignConfig, files: dict[str, Path]) -> EarthOrientation | None:
+def _orientation(config: CampaignConfig, files: Mapping[str, TableSource]) -> EarthOrientation | None:
     """The Earth's orientation where a frame of the campaign is inertial."""
     frames = {config.ephemeris.frame}.union(*((a.source, a.target) for a in config.attitudes.values()))
-    return EarthOrientation.load(files.get("earth.orientation_file")) if "GCRF" in frames else None
+    return EarthOrientation.load(_path(files, "earth.orientation_file")) if "GCRF" in frames else None
 
 
 def _assemble(
     config: CampaignConfig,
-    files: dict[str, Path],
+    files: Mapping[str, TableSource],
     orientation: EarthOrientation | None,
     notices: list[str],
-    path: Path,
+    settings: str,
 ) -> tuple[Campaign, Detections | None]:
     scale = config.campaign.time_scale
     camera = read_camera(config.camera, files.get("camera.look_angles"), notices)
@@ -153,11 +176,11 @@ def _assemble(
     )
     marks = sightings if detections is None else detections
     exposures = Exposures(images, marks.image, images.exposed(marks.image, marks.row_px))
-    attitude, cov_attitude_E = read_attitude(path, config, files, orientation, exposures, notices)
-    notices += _rounded(config.mounting, path)
+    attitude, cov_attitude_E = read_attitude(settings, config, files, orientation, exposures, notices)
+    notices += _rounded(config.mounting, settings)
     if config.earth is not None and orientation is None:
         notices.append(
-            f"{path}: earth.orientation_file is not used, since no frame of the campaign is inertial"
+            f"{settings}: earth.orientation_file is not used, since no frame of the campaign is inertial"
         )
     prior, switches = config.mounting.sigma_arcsec, config.corrections
     campaign = Campaign(
@@ -179,10 +202,10 @@ def _assemble(
     return campaign, detections
 
 
-def _ground(config: LandmarksConfig, files: dict[str, Path]) -> Ground:
+def _ground(config: LandmarksConfig, files: Mapping[str, TableSource]) -> Ground:
     """What is said about the heights of the landmarks."""
     words = ("landmarks.dem", "landmarks.heights", "landmarks.geoid")
-    return Ground(files.get("landmarks.dem"), config.heights, files.get("landmarks.geoid"), words)
+    return Ground(_path(files, "landmarks.dem"), config.heights, _path(files, "landmarks.geoid"), words)
 
 
 def _no_sightings() -> Sightings:
@@ -190,7 +213,7 @@ def _no_sightings() -> Sightings:
     return Sightings(index, index, value, value, value, np.empty(0, dtype=np.bool_))
 
 
-def _rounded(config: Mounting, path: Path) -> list[str]:
+def _rounded(config: Mounting, settings: str) -> list[str]:
     """A notice where the written matrix is orthonormal to few digits only."""
     if config.matrix is None:
         return []
@@ -198,4 +221,4 @@ def _rounded(config: Mounting, path: Path) -> list[str]:
     off = float(np.abs(C @ C.mT - np.eye(3)).max())
     if off <= _EXACT:
         return []
-    return [f"{path}: mounting.matrix is orthonormal to {off:.1g} only; the nearest rotation is taken"]
+    return [f"{settings}: mounting.matrix is orthonormal to {off:.1g} only; the nearest rotation is taken"]

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from ..tables.read import Array
+from ..tables.cells import Array
 
 Sections = Sequence[tuple[str, Mapping[str, object]]]
 """Names of sections with their keys, in order; a name in brackets of its own is one of an array of tables."""

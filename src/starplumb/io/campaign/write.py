@@ -13,8 +13,8 @@ from ...physics.earth import C_JT, itrf_to_geodetic
 from ...physics.light import inertial_velocity
 from ...physics.units import ARCSEC, DEG, MM, UM
 from ...table.campaign import Campaign, Detections, Landmarks
+from ..tables.cells import Array
 from ..tables.columns import CARTESIAN, GEODETIC, SIGMA_ENU
-from ..tables.read import Array
 from ..text.write import csv_text, publish
 from .attitude_config import CAMERA
 from .motion import VELOCITY

@@ -10,7 +10,8 @@ from ...physics.timescales import format_iso
 from ...physics.trackers import FusedAttitude, TrackerSeries
 from ...physics.units import ARCSEC
 from ...table.campaign import Campaign
-from ..tables.read import Array, Epochs
+from ..tables.cells import Array
+from ..tables.read import Epochs
 from ..text.write import csv_text
 from .motion import QUATERNION, SIGMA_ATTITUDE
 from .toml_text import Sections, in_unit

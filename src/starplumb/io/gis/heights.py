@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from ...physics.errors import InputError
 from ...physics.units import DEG
+from ..tables.read import TableSource
 from ..text.files import show, trouble
 
 if TYPE_CHECKING:
@@ -185,12 +186,17 @@ class Ground:
     words: tuple[str, str, str] = ("--dem", "--heights", "--geoid")
 
     def ellipsoidal(
-        self, source: Path, height: Array | None, latitude: Array, longitude: Array, names: tuple[str, ...]
+        self,
+        source: TableSource,
+        height: Array | None,
+        latitude: Array,
+        longitude: Array,
+        names: tuple[str, ...],
     ) -> Array:
         """Heights (n,) m above the ellipsoid of named points (n,) rad, ``h = H + N`` where theirs are above a geoid.
 
-        ``height`` (n,) are those of the file ``source``, None where it has none.  Raises InputError where the heights
-        are not told, or told twice.
+        ``height`` (n,) are those of the table ``source``, None where it has none.  Raises InputError where the heights
+        are not stated, or stated twice.
         """
         dem, kind, geoid = self.words
         if height is None:

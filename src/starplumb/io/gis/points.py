@@ -79,7 +79,7 @@ def read_qgis(path: Path, crs: str | None = None) -> GroundPoints:
         raise InputError(f"{path}: found no point that is switched on, wanted at least one")
     if (row < -0.5).any():
         at = int(np.argmax(row < -0.5))
-        line = int(table.line[on][at])
+        line = table.row_number(int(np.flatnonzero(on)[at]))
         raise InputError(
             f"{path}, row {line}, column {names[1]}: found {-row[at] - 0.5:.12g}, wanted a negative number: "
             "QGIS counts rows upwards from the upper edge of an image without georeference"
@@ -89,7 +89,7 @@ def read_qgis(path: Path, crs: str | None = None) -> GroundPoints:
     notices = (f"{path}: left out {off} point{'s' * (off != 1)} that QGIS has switched off",) if off else ()
     nothing = np.full(x.size, np.nan)
     return GroundPoints(
-        landmark_id=tuple(f"{path.stem}-{line}" for line in table.line[on]),
+        landmark_id=tuple(f"{path.stem}-{table.row_number(row)}" for row in np.flatnonzero(on).tolist()),
         image_id=(path.stem,) * x.size,
         latitude=latitude * DEG,
         longitude=longitude * DEG,

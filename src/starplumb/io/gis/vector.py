@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 
 from ...physics.errors import InputError
+from ..tables.cells import Array
 from ..tables.columns import GEODETIC, SIGMA_ENU
-from ..tables.read import Array, Table
+from ..tables.read import Table
 from ..text.files import show
 
 _WGS84 = re.compile(
@@ -24,7 +25,7 @@ _POINT, _Z_ISO, _Z_FLAG = 1, 1000, 0x80000000
 
 
 def read_points(path: Path, flat: bool = False) -> Table:
-    """The one layer of a vector file as the table of its features (``line`` counts them from 1).
+    """The one layer of a vector file as the table of its features (counted from 1).
 
     ``flat`` says that the points need no heights of their own.
 
@@ -86,7 +87,7 @@ def _table(path: Path, geometry: Any, attributes: dict[str, Any], flat: bool) ->
     notices = (
         [f"{path}: ignored the attribute{'s' * (len(ignored) > 1)} {', '.join(ignored)}"] if ignored else []
     )
-    return Table(path, numbers, {"landmark_id": ids}, np.arange(1, len(points) + 1), notices)
+    return Table(path, numbers, {"landmark_id": ids}, len(points), lambda row: row + 1, notices)
 
 
 def _text(path: Path, row: int, value: object) -> str:

@@ -1,44 +1,89 @@
-"""CSV tables: read column by column, refused with the file's own line and column where anything in them is wrong."""
+"""One table from wherever it is, checked: CSV, Parquet or Arrow files, and data frames of any library.
+
+Every source ends in the same :class:`Table`, and what is wrong in one is refused with the row and column.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import hashlib
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...physics.errors import InputError
-from .header import Wanted, cell_error, worded
-from .plain import read_plain
-from .rows import read_rows
+from .arrow import TextColumn, binary_format, columns_of_table, read_binary, read_large_csv, table_of
+from .cells import Array, Columns, as_found, cell_error
+from .csv_rows import read_rows
+from .schema import Schema
 
-Array = NDArray[np.float64]
 Epochs = NDArray[np.int64]
+
+TABLE_SUFFIXES = (".csv", ".parquet", ".arrow", ".feather")
+"""Endings of tables; which format a file has is told by its content."""
+
+LARGE = 1 << 22
+"""Bytes of a CSV file from which on reading it by PyArrow makes up for the import of PyArrow (0.1 s)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """A data frame in place of a file: ``str`` is what messages call it, ``table`` the ``pyarrow.Table`` of it."""
+
+    name: str
+    table: Any
+
+    def __str__(self) -> str:
+        return self.name
+
+    @classmethod
+    def of(cls, name: str, data: object) -> Frame:
+        """A frame of pandas, polars, PyArrow or any other library that gives Arrow data, or a mapping of columns."""
+        return cls(name, table_of(name, data))
+
+    def fingerprint(self) -> str:
+        """``sha256:`` and the digest of the columns, their names and types."""
+        import pyarrow as pa
+
+        table = self.table.combine_chunks().replace_schema_metadata(None)
+        sink = pa.BufferOutputStream()
+        with pa.ipc.new_stream(sink, table.schema) as writer:
+            writer.write_table(table)
+        return "sha256:" + hashlib.sha256(sink.getvalue()).hexdigest()
+
+
+TableSource = Path | Frame
+
+
+def other_format(source: TableSource) -> Path | None:
+    """The file, where its ending is that of another format than a table's."""
+    return None if isinstance(source, Frame) or source.suffix.lower() in TABLE_SUFFIXES else source
 
 
 @dataclass(frozen=True)
 class Table:
-    """Columns of a CSV file, n rows: ``numbers`` as (n,) arrays, ``texts`` as lists without blanks around
-    them.
+    """Columns of a table, n rows: ``numbers`` as (n,) arrays, ``texts`` without blanks around them.
 
-    ``line`` (n,) is where each row stands in the file, counted from 1; ``notices`` are sentences for the
-    user.
+    ``row_number`` takes a row (from 0) to the number by which the user finds it: the line in a text file, else the
+    row itself; ``notices`` are sentences for the user.
     """
 
-    path: Path
+    source: TableSource
     numbers: dict[str, Array]
-    texts: dict[str, list[str]]
-    line: NDArray[np.int64]
+    texts: dict[str, Sequence[str]]
+    rows: int
+    row_number: Callable[[int], int]
     notices: list[str]
 
     def __len__(self) -> int:
-        return int(self.line.size)
+        return self.rows
 
     def error(self, row: int, column: str, found: object, wanted: str) -> InputError:
-        """The sentence about one cell: file, line, column, what was found and what is wanted."""
-        return cell_error(self.path, int(self.line[row]), column, found, wanted)
+        """The sentence about one cell: table, row, column, what was found and what is wanted."""
+        return cell_error(str(self.source), self.row_number(row), column, found, wanted)
 
     def columns(self, *names: str) -> Array:
         """Number columns side by side, (n, k)."""
@@ -50,7 +95,7 @@ class Table:
         if there and len(there) < len(names):
             lacking = ", ".join(name for name in names if name not in there)
             raise InputError(
-                f"{self.path}: found the column {there[0]} without {lacking}, wanted all of them or none"
+                f"{self.source}: found the column {there[0]} without {lacking}, wanted all of them or none"
             )
         return bool(there)
 
@@ -60,40 +105,44 @@ class Table:
             row = int(np.argmin(good))
             raise self.error(row, column, float(self.numbers[column][row]), wanted)
 
-    def require_distinct(self, keys: Sequence[object], column: str, wanted: str) -> None:
-        """Raise InputError, naming both rows, where a key occurs twice."""
-        if len(set(keys)) == len(keys):
+    def require_distinct(self, column: str, wanted: str) -> None:
+        """Raise InputError, naming both rows, where a text occurs twice."""
+        texts = self.texts[column]
+        if texts.all_differ() if isinstance(texts, TextColumn) else len(set(texts)) == len(texts):
             return
-        first: dict[object, int] = {}
-        for row, key in enumerate(keys):
-            if (earlier := first.setdefault(key, row)) != row:
-                found = f"{worded(key)} again (first in row {self.line[earlier]})"
-                raise InputError(
-                    f"{self.path}, row {self.line[row]}, column {column}: found {found}, wanted {wanted}"
-                )
+        first: dict[str, int] = {}
+        for row, text in enumerate(texts):
+            if (earlier := first.setdefault(text, row)) != row:
+                found = f"{as_found(text)} again (first in row {self.row_number(earlier)})"
+                where = f"{self.source}, row {self.row_number(row)}, column {column}"
+                raise InputError(f"{where}: found {found}, wanted {wanted}")
 
 
 def read_table(
-    path: Path,
+    source: TableSource,
     *,
     texts: Sequence[str] = (),
     numbers: Sequence[str] = (),
     optional_texts: Sequence[str] = (),
     optional_numbers: Sequence[str] = (),
 ) -> Table:
-    """A CSV file with a header row: ``texts`` and ``numbers`` are wanted, other columns are passed over with
-    a notice.
+    """The columns asked for; others are passed over with a notice.
 
-    Comma-separated UTF-8 with or without a mark, any line ends, blank lines and leading ``#`` lines passed
-    over. Raises InputError naming the file and, where there is one, the row (the line of the file) and
-    column.
+    A file may be CSV (UTF-8, commas, any line ends; blank lines and leading ``#`` lines are passed over), Parquet or
+    Arrow, which its content tells. Raises InputError naming the table and, where there are such, row and column.
     """
-    wanted = Wanted(texts, numbers, optional_texts, optional_numbers)
-    found = read_plain(path, wanted) or read_rows(path, wanted)
-    ignored = [
-        name or "(unnamed)" for name in found.header if name not in found.numbers and name not in found.texts
-    ]
-    notices = (
-        [f"{path}: ignored the column{'s' * (len(ignored) > 1)} {', '.join(ignored)}"] if ignored else []
-    )
-    return Table(path, found.numbers, found.texts, found.line, notices)
+    schema = Schema(texts, numbers, optional_texts, optional_numbers)
+    found = _columns(source, schema)
+    ignored = schema.ignored(found.header)
+    s = "s" * (len(ignored) > 1)
+    notices = [f"{source}: ignored the column{s} {', '.join(ignored)}"] if ignored else []
+    return Table(source, found.numbers, found.texts, found.rows, found.row_number, notices)
+
+
+def _columns(source: TableSource, schema: Schema) -> Columns:
+    if isinstance(source, Frame):
+        return columns_of_table(str(source), source.table, schema)
+    if (kind := binary_format(source)) is not None:
+        return columns_of_table(str(source), read_binary(source, kind), schema)
+    large = source.is_file() and source.stat().st_size >= LARGE
+    return (read_large_csv(source, schema) if large else None) or read_rows(source, schema)

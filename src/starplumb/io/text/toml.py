@@ -36,15 +36,15 @@ def read_toml(path: Path) -> dict[str, Any]:
         ) from None
 
 
-def check(document: Mapping[str, Any], model: type[_SectionT], path: Path) -> _SectionT:
+def check(document: Mapping[str, Any], model: type[_SectionT], name: Path | str) -> _SectionT:
     """The document as a ``model``. Raises InputError that lists everything wrong, each with its key."""
     try:
         return model.model_validate(dict(document))
     except ValidationError as error:
-        raise refuse(path, complaints(error)) from None
+        raise refuse(name, complaints(error)) from None
 
 
-def refuse(path: Path, problems: list[str]) -> InputError:
+def refuse(name: Path | str, problems: list[str]) -> InputError:
     """One error of one line for any number of problems."""
     count = f"{len(problems)} problems: " if len(problems) > 1 else ""
-    return InputError(f"{path}: {count}{'; '.join(problems)}")
+    return InputError(f"{name}: {count}{'; '.join(problems)}")

@@ -78,10 +78,16 @@ def printable(value: object) -> object:
     return value
 
 
+class InMemory(str):
+    """The name of a data frame, where a document would have that of a file."""
+
+
 def file_name(*endings: str) -> Callable[[object], object]:
     """Validator of a file name whose ending tells one of the formats that a section reads."""
 
     def check(value: object) -> object:
+        if isinstance(value, InMemory):
+            return value
         if isinstance(value, str) and not value.lower().endswith(endings):
             raise wrong(value, f"a file name ending in {', '.join(endings)}")
         return printable(value)

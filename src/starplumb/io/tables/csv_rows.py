@@ -1,19 +1,17 @@
-"""CSV tables row by row, by the standard library's parser: whatever is wrong in one is found and named.
+"""CSV tables by the standard library's parser: small files, and whatever is unusual or wrong in large ones.
 
-The file is walked once, in blocks; a block's columns are converted whole.  Only where that fails are its rows looked
-at one by one, to name the offender.
+The file is walked once, in blocks, whose columns are converted whole; the line of every row is known.
 """
 
 from __future__ import annotations
 
 import csv
 import gc
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from io import StringIO
 from itertools import chain, islice
-from math import isfinite
 from pathlib import Path
 
 import numpy as np
@@ -21,33 +19,33 @@ from numpy.typing import NDArray
 
 from ...physics.errors import InputError
 from ..text.files import read_text
-from .header import Array, Columns, Wanted, cell_error
+from .cells import Array, Columns, to_numbers, to_texts
+from .schema import Schema
 
 _BLOCK = 1 << 10
-_NUMBER = "a finite number with a decimal point"
 
 
-def read_rows(path: Path, wanted: Wanted) -> Columns:
+def read_rows(path: Path, schema: Schema) -> Columns:
     """The columns of a file. Raises InputError naming the file and, where there is one, the row and column."""
-    lines = _Lines(path, read_text(path))
-    header = lines.header()
-    wanted.check(path, lines.line, header)
+    lines = CsvLines(path, StringIO(read_text(path), newline=""))
+    header = lines.header(schema)
     place = {name: i for i, name in enumerate(header)}
-    numbers: dict[str, list[Array]] = {name: [] for name in wanted.numbers_in(header)}
-    texts: dict[str, list[str]] = {name: [] for name in wanted.texts_in(header)}
+    numbers: dict[str, list[Array]] = {name: [] for name in schema.numbers_in(header)}
+    texts: dict[str, list[str]] = {name: [] for name in schema.texts_in(header)}
     line_blocks = []
     with _collector_paused():
         for block in lines.blocks():
-            columns = _transpose(path, block, header)
+            columns = _transposed(path, block, len(header))
             for name, blocks in numbers.items():
-                blocks.append(_to_numbers(path, block, name, columns[place[name]]))
+                blocks.append(to_numbers(str(path), name, columns[place[name]], block.line_of))
             for name, column in texts.items():
-                column += _to_texts(path, block, name, columns[place[name]])
+                column += to_texts(str(path), name, columns[place[name]], block.line_of)
             line_blocks.append(block.line)
     if not line_blocks:
         raise InputError(f"{path}: found a header without rows below it, wanted at least one row")
+    line = np.concatenate(line_blocks)
     values = {name: np.concatenate(blocks) for name, blocks in numbers.items()}
-    return Columns(header, values, texts, np.concatenate(line_blocks))
+    return Columns(header, values, dict(texts), line.size, lambda row: int(line[row]))
 
 
 @contextmanager
@@ -70,27 +68,36 @@ class _Block:
     rows: list[list[str]]
     line: NDArray[np.int64]
 
+    def line_of(self, row: int) -> int:
+        return int(self.line[row])
 
-class _Lines:
-    """The rows of a CSV text, the lines of the file they stand on, and csv's own errors in a sentence."""
 
-    def __init__(self, path: Path, text: str) -> None:
+class CsvLines:
+    """The rows of a CSV text, the lines of the file they stand on, and csv's own errors in a sentence.
+
+    ``text`` gives lines with their ends, as a file opened with ``newline=""`` does.
+    """
+
+    def __init__(self, path: Path, text: Iterable[str]) -> None:
         self._path = path
-        source = StringIO(text, newline="")
         self._skipped = 0
-        line = source.readline()
+        source = iter(text)
+        line = next(source, "")
         while line.lstrip().startswith("#") or (line and not line.strip()):
             self._skipped += 1
-            line = source.readline()
+            line = next(source, "")
         self._reader = csv.reader(chain([line] if line else [], source), strict=True, skipinitialspace=True)
 
     @property
     def line(self) -> int:
+        """The line that was read last, counted from 1."""
         return self._skipped + self._reader.line_num
 
-    def header(self) -> list[str]:
-        """Names of the columns, without blanks around them; none at the end of the file."""
-        return [cell.strip() for cell in next(self._guarded(), [])]
+    def header(self, schema: Schema) -> list[str]:
+        """Names of the columns, without blanks around them; checked against ``schema``."""
+        header = [cell.strip() for cell in next(self._guarded(), [])]
+        schema.check(f"{self._path}, row {self.line}" if header else str(self._path), header)
+        return header
 
     def blocks(self) -> Iterator[_Block]:
         """Rows below the header, blank lines left out."""
@@ -106,7 +113,7 @@ class _Lines:
                 yield from self._uneven(block, start)
 
     def _uneven(self, block: list[list[str]], start: int) -> Iterator[_Block]:
-        """Blank lines, of which csv makes no cell or one, taken out, and cells that hold line breaks counted."""
+        """A block without its blank lines (csv makes one cell of them, or none), line breaks in cells counted."""
         line, kept, at = start, [], []
         for row in block:
             line += 1 + sum(cell.count("\n") or cell.count("\r") for cell in row)
@@ -124,9 +131,8 @@ class _Lines:
             raise InputError(f"{self._path}, row {self.line}: {found}") from None
 
 
-def _transpose(path: Path, block: _Block, header: list[str]) -> list[tuple[str, ...]]:
+def _transposed(path: Path, block: _Block, width: int) -> list[tuple[str, ...]]:
     """Columns of a block. Raises InputError for a row with more or fewer cells than the header."""
-    width = len(header)
     try:
         columns = list(zip(*block.rows, strict=True))
     except ValueError:
@@ -137,32 +143,3 @@ def _transpose(path: Path, block: _Block, header: list[str]) -> list[tuple[str, 
         hint = " (are there decimal commas?)" if len(block.rows[row]) > width else ""
         raise InputError(f"{path}, row {block.line[row]}: {found}, wanted {width} as in the header{hint}")
     return columns
-
-
-def _to_numbers(path: Path, block: _Block, name: str, cells: tuple[str, ...]) -> Array:
-    joined = "".join(cells)
-    if joined.isascii() and "_" not in joined:  # float() takes 1_000 and the digits of other scripts
-        try:
-            values = np.fromiter(map(float, cells), dtype=np.float64, count=len(cells))
-        except ValueError:
-            values = np.full(len(cells), np.nan)
-        if np.isfinite(values).all():
-            return values
-    row = next(i for i, cell in enumerate(cells) if not _is_number(cell))
-    wanted = _NUMBER if cells[row].strip() else f"{_NUMBER} in every row"
-    raise cell_error(path, int(block.line[row]), name, cells[row].strip() or None, wanted)
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        return cell.isascii() and "_" not in cell and isfinite(float(cell))
-    except ValueError:
-        return False
-
-
-def _to_texts(path: Path, block: _Block, name: str, cells: tuple[str, ...]) -> list[str]:
-    texts = list(map(str.strip, cells))
-    if not all(texts):
-        row = texts.index("")
-        raise cell_error(path, int(block.line[row]), name, None, "text in every row")
-    return texts

@@ -1,44 +1,42 @@
-"""What is asked of a CSV table, the check of its header against that, and the columns that come of it."""
+"""The columns that a table must have and may have, and the check of a header against them."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
-
-import numpy as np
-from numpy.typing import NDArray
 
 from ...physics.errors import InputError
 from ..text.files import nearest, show
 
-Array = NDArray[np.float64]
-
 
 @dataclass(frozen=True)
-class Wanted:
-    """Names of the columns of text and of numbers that a table must have, and of those that it may have."""
+class Schema:
+    """Names of text and number columns that a table must have, and of those that it may have."""
 
-    texts: Sequence[str]
-    numbers: Sequence[str]
+    texts: Sequence[str] = ()
+    numbers: Sequence[str] = ()
     optional_texts: Sequence[str] = ()
     optional_numbers: Sequence[str] = ()
 
     def texts_in(self, header: Sequence[str]) -> list[str]:
-        """Columns of text that are to be read."""
+        """Text columns to read."""
         return [name for name in (*self.texts, *self.optional_texts) if name in header]
 
     def numbers_in(self, header: Sequence[str]) -> list[str]:
-        """Columns of numbers that are to be read."""
+        """Number columns to read."""
         return [name for name in (*self.numbers, *self.optional_numbers) if name in header]
 
-    def check(self, path: Path, line: int, header: Sequence[str]) -> None:
-        """Raise InputError where the header is missing, split otherwise, doubled or incomplete."""
+    def ignored(self, header: Sequence[str]) -> list[str]:
+        """Columns that nobody asks for."""
+        known = {*self.texts_in(header), *self.numbers_in(header)}
+        return [name or "(unnamed)" for name in header if name not in known]
+
+    def check(self, where: str, header: Sequence[str]) -> None:
+        """Raise InputError where the header at ``where`` is empty, split otherwise, doubled or incomplete."""
         needed = [*self.texts, *self.numbers]
-        where = f"{path}, row {line}"
         if not header:
-            raise InputError(f"{path}: found no header row, wanted {', '.join(needed)}")
+            raise InputError(f"{where}: found no header, wanted the columns {', '.join(needed)}")
         for mark, name in ((";", "semicolons"), ("\t", "tabs")):
             if len(header) == 1 and mark in header[0]:
                 raise InputError(
@@ -57,24 +55,3 @@ class Wanted:
             raise InputError(
                 f"{where}: found the header {found}, wanted {columns} {', '.join(lacking)} too{hint}"
             )
-
-
-@dataclass(frozen=True)
-class Columns:
-    """All of a file that was asked for: n rows, each with its line in the file, below one header."""
-
-    header: Sequence[str]
-    numbers: dict[str, Array]
-    texts: dict[str, list[str]]
-    line: NDArray[np.int64]
-
-
-def cell_error(path: Path, line: int, column: str, found: object, wanted: str) -> InputError:
-    """The sentence about one cell: file, line, column, what was found (None: nothing) and what is wanted."""
-    text = "an empty cell" if found is None else worded(found)
-    return InputError(f"{path}, row {line}, column {column}: found {text}, wanted {wanted}")
-
-
-def worded(found: object) -> str:
-    """A cell's content for a message."""
-    return f"{found:.12g}" if isinstance(found, float) else show(found)

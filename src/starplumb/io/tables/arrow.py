@@ -1,0 +1,272 @@
+"""Tables by PyArrow: large CSV files, Parquet and Arrow files, and data frames of any library.
+
+PyArrow is imported where it is used: a small campaign of CSV files does without.
+"""
+
+from __future__ import annotations
+
+import mmap
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...physics.errors import InputError
+from ..text.files import show
+from .cells import NUMBER, Array, Columns, cell_error, to_numbers
+from .csv_rows import CsvLines
+from .schema import Schema
+
+_PIECE = 1 << 18
+"""Bytes of a CSV file at a time; PyArrow reads some thirty ahead."""
+_NEED_CARE = (b'"', b"\0")
+"""Quotes do not mean the same to both parsers of CSV; NUL is no text."""
+_INDEX = re.compile(r"__index_level_\d+__")
+"""What pandas calls the nameless index of a data frame when it becomes a column."""
+_BEGINNINGS = {
+    b"PAR1": "Parquet",
+    b"ARROW1": "Arrow",
+    b"\xff\xff\xff\xff": "Arrow stream",
+    b"FEA1": "Feather 1",
+}
+
+
+class TextColumn(Sequence[str]):
+    """Texts (n,) that stay in PyArrow's memory, which takes a fifth of that of Python's own."""
+
+    def __init__(self, column: Any) -> None:
+        self.column = column
+
+    def __len__(self) -> int:
+        return len(self.column)
+
+    def __getitem__(self, row: Any) -> Any:
+        if isinstance(row, slice):
+            return self.column[row].to_pylist()
+        return self.column[row].as_py()
+
+    def __iter__(self) -> Iterator[str]:
+        for chunk in self.column.chunks:
+            yield from chunk.to_pylist()
+
+    def all_differ(self) -> bool:
+        """Whether no text occurs twice."""
+        from pyarrow import compute
+
+        return bool(compute.count_distinct(self.column).as_py() == len(self))
+
+    def places(self, known: Sequence[str]) -> NDArray[np.int64]:
+        """Place (n,) of each text among the known ones, which are distinct; -1 for one that is not among them."""
+        import pyarrow as pa
+        from pyarrow import compute
+
+        found = compute.index_in(self.column, value_set=pa.array(known, self.column.type))
+        return np.asarray(found.fill_null(-1).to_numpy(), dtype=np.int64)
+
+
+def read_large_csv(path: Path, schema: Schema) -> Columns | None:
+    """The columns of a CSV file, several times quicker than row by row; None where anything wants a closer look.
+
+    What is read here is what :mod:`.csv_rows` reads, bit for bit. Whatever that module might refuse is left to it, so
+    that the sentences for the user stand there alone. The file is read in pieces: its text is never in memory.
+    """
+    import pyarrow as pa
+
+    try:
+        return _csv_columns(path, schema)
+    except (pa.ArrowException, InputError, OSError, ValueError):
+        return None
+
+
+def _csv_columns(path: Path, schema: Schema) -> Columns | None:
+    import pyarrow as pa
+    from pyarrow import csv
+
+    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+        if any(data.find(mark) >= 0 for mark in _NEED_CARE):
+            return None
+    with path.open(encoding="utf-8-sig", newline="") as text:
+        lines = CsvLines(path, text)
+        header, line = lines.header(schema), lines.line
+    names = [str(i) for i in range(len(header))]
+    numbers = {name: str(header.index(name)) for name in schema.numbers_in(header)}
+    texts = {name: str(header.index(name)) for name in schema.texts_in(header)}
+    types = dict.fromkeys(numbers.values(), pa.float64()) | dict.fromkeys(texts.values(), pa.string())
+    reading = csv.ReadOptions(use_threads=False, block_size=_PIECE, skip_rows=line, column_names=names)
+    converting = csv.ConvertOptions(column_types=types, include_columns=list(types), null_values=[])
+    with csv.open_csv(path, reading, convert_options=converting) as batches:
+        table = batches.read_all()
+    found = {name: table[place].to_numpy() for name, place in numbers.items()}
+    columns = {name: _trimmed(table[place]) for name, place in texts.items()}
+    if not all(np.isfinite(values).all() for values in found.values()):
+        return None
+    if table.num_rows == 0 or any(_first_empty(column) is not None for column in columns.values()):
+        return None
+    held = {name: TextColumn(column) for name, column in columns.items()}
+    return Columns(header, found, dict(held), table.num_rows, _line_of_row(path, line))
+
+
+def _line_of_row(path: Path, header_line: int) -> Callable[[int], int]:
+    """The line of each row of a file without quotes: only a message asks for it, and the file is read again then."""
+
+    @cache
+    def lines() -> list[int]:
+        with path.open(encoding="utf-8-sig") as text:
+            return [at for at, line in enumerate(text, 1) if at > header_line and line.strip()]
+
+    return lambda row: lines()[row]
+
+
+def _trimmed(column: Any) -> Any:
+    from pyarrow import compute
+
+    return compute.utf8_trim_whitespace(column)
+
+
+def _first_empty(column: Any) -> int | None:
+    from pyarrow import compute
+
+    row = compute.index(compute.binary_length(column), 0).as_py()
+    return None if row < 0 else int(row)
+
+
+def binary_format(path: Path) -> str | None:
+    """The format that a file's first bytes tell, None for text and for a file that cannot be opened."""
+    try:
+        with path.open("rb") as file:
+            start = file.read(8)
+    except (OSError, ValueError):
+        return None
+    return next((name for magic, name in _BEGINNINGS.items() if start.startswith(magic)), None)
+
+
+def read_binary(path: Path, kind: str) -> Any:
+    """The ``pyarrow.Table`` of a Parquet or Arrow file. Raises InputError where it is damaged or of an old kind."""
+    import pyarrow as pa
+
+    if kind == "Feather 1":
+        raise InputError(
+            f"{path}: found a file of Feather version 1, wanted Parquet, Arrow or Feather version 2"
+        )
+    try:
+        if kind == "Parquet":
+            from pyarrow import parquet
+
+            return parquet.ParquetFile(path).read()
+        with pa.memory_map(str(path)) as file:
+            return (pa.ipc.open_file(file) if kind == "Arrow" else pa.ipc.open_stream(file)).read_all()
+    except (pa.ArrowException, OSError) as error:
+        reason = " ".join(str(error).split())[:120]
+        raise InputError(f"{path}: found a damaged {kind} file ({reason}), wanted a whole one") from None
+
+
+def table_of(name: str, data: object) -> Any:
+    """The ``pyarrow.Table`` of a data frame: any that gives an Arrow stream or has the data frame protocol.
+
+    A mapping of columns is taken as well. Raises InputError for anything else.
+    """
+    import pyarrow as pa
+
+    try:
+        if isinstance(data, pa.Table):
+            return data
+        if hasattr(data, "__arrow_c_stream__"):
+            return pa.table(data)
+        if isinstance(data, Mapping):
+            return pa.table({str(key): pa.array(values, from_pandas=True) for key, values in data.items()})
+        if hasattr(data, "__dataframe__"):
+            from pyarrow.interchange import from_dataframe
+
+            return from_dataframe(data)
+    except (pa.ArrowException, TypeError, ValueError) as error:
+        reason = " ".join(str(error).split())[:120]
+        raise InputError(
+            f"{name}: found columns that Arrow cannot hold ({reason}), wanted one type in each column"
+        ) from None
+    raise InputError(
+        f"{name}: found {show(type(data).__name__)}, wanted a data frame (pandas, polars, PyArrow and others), "
+        "a mapping of columns or the path of a file"
+    )
+
+
+def columns_of_table(name: str, table: Any, schema: Schema) -> Columns:
+    """The columns of a ``pyarrow.Table``; its rows are counted from 0, as data frames do.
+
+    Raises InputError naming the column and row of a value that is missing, not finite or of another type.
+    """
+    header = [column for column in table.column_names if not _INDEX.fullmatch(column)]
+    schema.check(name, header)
+    if table.num_rows == 0:
+        raise InputError(f"{name}: found no rows, wanted at least one")
+    return Columns(
+        header,
+        {column: _numbers(name, column, table[column]) for column in schema.numbers_in(header)},
+        {column: _texts(name, column, table[column]) for column in schema.texts_in(header)},
+        table.num_rows,
+        int,
+    )
+
+
+def _numbers(name: str, column: str, values: Any) -> Array:
+    from pyarrow import types
+
+    values = _decoded(values)
+    if _is_text(values.type):
+        return to_numbers(name, column, [cell or "" for cell in values.to_pylist()], int)
+    _require_no_null(name, column, values, f"{NUMBER} in every row")
+    if not any(good(values.type) for good in (types.is_integer, types.is_floating, types.is_decimal)):
+        raise _type_error(name, column, values, "numbers")
+    array = np.asarray(values.cast("float64", safe=False).to_numpy())
+    good = np.isfinite(array)
+    if not good.all():
+        row = int(np.argmin(good))
+        raise cell_error(name, row, column, float(array[row]), NUMBER)
+    return array
+
+
+def _texts(name: str, column: str, values: Any) -> TextColumn:
+    from pyarrow import types
+
+    values = _decoded(values)
+    _require_no_null(name, column, values, "text in every row")
+    kinds = (types.is_integer, types.is_timestamp, _is_text)
+    if not any(good(values.type) for good in kinds):
+        raise _type_error(name, column, values, "text")
+    values = _trimmed(values.cast("string"))
+    if (row := _first_empty(values)) is not None:
+        raise cell_error(name, row, column, None, "text in every row")
+    return TextColumn(values)
+
+
+def _is_text(kind: Any) -> bool:
+    from pyarrow import types
+
+    return bool(types.is_string(kind) or types.is_large_string(kind) or types.is_string_view(kind))
+
+
+def _decoded(values: Any) -> Any:
+    """The values of a categorical column themselves; PyArrow decodes no dictionary of polars, whose texts are views."""
+    import pyarrow as pa
+
+    if not pa.types.is_dictionary(values.type):
+        return values
+    kind = pa.string() if _is_text(values.type.value_type) else values.type.value_type
+    return pa.chunked_array(
+        [chunk.dictionary.cast(kind).take(chunk.indices) for chunk in values.chunks], kind
+    )
+
+
+def _require_no_null(name: str, column: str, values: Any, wanted: str) -> None:
+    from pyarrow import compute
+
+    if values.null_count:
+        row = int(compute.index(values.is_null(), True).as_py())
+        raise cell_error(name, row, column, None, wanted)
+
+
+def _type_error(name: str, column: str, values: Any, wanted: str) -> InputError:
+    return InputError(f"{name}, column {column}: found values of the type {values.type}, wanted {wanted}")

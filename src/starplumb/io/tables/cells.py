@@ -1,0 +1,72 @@
+"""Columns of cells, as text, to numbers and names; the first cell that is neither is named."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from math import isfinite
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...physics.errors import InputError
+from ..text.files import show
+
+Array = NDArray[np.float64]
+
+NUMBER = "a finite number with a decimal point"
+
+
+@dataclass(frozen=True)
+class Columns:
+    """What was read of a table: n rows below a header.
+
+    ``row_number`` takes a row (from 0) to the number by which the user finds it: the line of a text file.
+    """
+
+    header: Sequence[str]
+    numbers: dict[str, Array]
+    texts: dict[str, Sequence[str]]
+    rows: int
+    row_number: Callable[[int], int]
+
+
+def cell_error(name: str, row_number: int, column: str, found: object, wanted: str) -> InputError:
+    """The sentence about one cell: table, row, column, what was found (None: nothing) and what is wanted."""
+    text = "an empty cell" if found is None else as_found(found)
+    return InputError(f"{name}, row {row_number}, column {column}: found {text}, wanted {wanted}")
+
+
+def as_found(found: object) -> str:
+    """A cell's content for a message."""
+    return f"{found:.12g}" if isinstance(found, float) else show(found)
+
+
+def to_numbers(name: str, column: str, cells: Sequence[str], row_number: Callable[[int], int]) -> Array:
+    """Finite numbers (n,) of n cells. Raises InputError about the first cell that is none."""
+    joined = "".join(cells)
+    if joined.isascii() and "_" not in joined:  # float() takes 1_000 and the digits of other scripts
+        try:
+            values = np.fromiter(map(float, cells), dtype=np.float64, count=len(cells))
+        except ValueError:
+            values = np.full(len(cells), np.nan)
+        if np.isfinite(values).all():
+            return values
+    row = next(i for i, cell in enumerate(cells) if not _is_number(cell))
+    found = cells[row].strip() or None
+    raise cell_error(name, row_number(row), column, found, NUMBER if found else f"{NUMBER} in every row")
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        return cell.isascii() and "_" not in cell and isfinite(float(cell))
+    except ValueError:
+        return False
+
+
+def to_texts(name: str, column: str, cells: Sequence[str], row_number: Callable[[int], int]) -> list[str]:
+    """Texts without blanks around them. Raises InputError about the first cell that holds none."""
+    texts = list(map(str.strip, cells))
+    if not all(texts):
+        raise cell_error(name, row_number(texts.index("")), column, None, "text in every row")
+    return texts
