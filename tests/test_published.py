@@ -17,8 +17,11 @@ from starplumb.published.comparison import Recomputed, judge
 from starplumb.published.lebedev_scene import C_JI, Nadir, orbital_axes
 from starplumb.published.reproduce import TABLES, document, reproduce
 from starplumb.published.tables import NAMES, published, scenario, source
-from starplumb.published.tkachenko_scene import C_EK_MODEL, draw, errors_E, trackers
+from starplumb.published.tkachenko_rows import draws, errors_E
+from starplumb.published.tkachenko_scene import C_EK_MODEL, draw, trackers
 from starplumb.table.equation import residual_px
+from starplumb.table.error_sources import Distribution
+from starplumb.table.simulate import Errors, measure
 
 PAPER = scenario("paper2019")
 SLIDES = scenario("slides2012")
@@ -44,16 +47,19 @@ def table2():
 def test_the_paper_s_scene_is_as_it_is_stated():
     scene = tkachenko2019.view(PAPER, "two_images")
     site = geodetic_to_itrf(44.45 * DEG, PAPER["scene"]["longitude_deg"] * DEG, 0.0)
-    sight = site - scene.images[:, :3]
-    np.testing.assert_allclose(scene.images[:, 7], np.linalg.norm(sight, axis=-1))
+    sight = site - scene.r_J
+    # the middle of the straight line between the markers lies 0.96 m below the site: 3500^2 / (2 R)
+    np.testing.assert_allclose(
+        scene.range_m - np.linalg.norm(sight, axis=-1), 3500.0**2 / 2.0 / 6.378e6, atol=0.01
+    )
     # seen 2.5 deg ahead, then 2.5 deg behind the vertical
-    down = -scene.images[:, :3] / np.linalg.norm(scene.images[:, :3], axis=-1, keepdims=True)
-    angle = np.arccos(np.vecdot(sight, down) / scene.images[:, 7]) / DEG
+    down = -scene.r_J / np.linalg.norm(scene.r_J, axis=-1, keepdims=True)
+    angle = np.arccos(np.vecdot(sight, down) / np.linalg.norm(sight, axis=-1)) / DEG
     np.testing.assert_allclose(angle, 2.5, atol=0.3)
-    flown = scene.images[1, :3] - scene.images[0, :3]
+    flown = scene.r_J[1] - scene.r_J[0]
     assert sight[0] @ flown > 0 > sight[1] @ flown
     assert flown[2] < 0, "a descending pass"
-    height = np.linalg.norm(scene.images[:, :3], axis=-1) - np.linalg.norm(site)
+    height = np.linalg.norm(scene.r_J, axis=-1) - np.linalg.norm(site)
     np.testing.assert_allclose(height, 670e3, atol=1e3)
     assert np.linalg.norm(scene.p_J[0] - scene.p_J[1]) == pytest.approx(7000.0, abs=2.0)
     np.testing.assert_allclose(itrf_to_geodetic(scene.p_J)[2], 0.0, atol=1e-3)
@@ -78,26 +84,52 @@ def test_three_trackers_averaged_against_drawing_each_of_them(rng):
 
 
 def test_the_scene_s_measurements_fit_its_truth(rng):
-    runs = draw(tkachenko2019.view(PAPER, "two_images"), rng, 400)
+    scene = tkachenko2019.view(PAPER, "two_images")
+    runs = draw(scene, rng, 400)
     o = runs.observations
     np.testing.assert_allclose(o.with_geometry().e_E, o.e_E, atol=1e-14)
-    np.testing.assert_allclose(
-        so3.exp(runs.theta_E) @ runs.C_EK_true, np.broadcast_to(C_EK_MODEL, (400, 3, 3)), atol=1e-14
-    )
+    theta_E = so3.log(C_EK_MODEL @ runs.C_EK_true.mT)
+    np.testing.assert_allclose(theta_E.std(axis=0) / DEG, 1.0, rtol=4.0 / np.sqrt(2.0 * 400.0))
     # residuals about the truth: attitude 3.4", GPS 3 m, half a pixel, focal length
-    z = residual_px(o, runs.C_EK_true) * runs.scene.pixel / ARCSEC
+    z = residual_px(o, runs.C_EK_true) * scene.pixel / ARCSEC
     tracker = np.mean(np.sqrt(np.diag(trackers(25.0 * DEG, [5.0, 5.0, 12.0]))[:2]))
     focal = 0.0025 * 3500.0 / 673e3 / np.sqrt(2.0) / ARCSEC
     wanted = np.sqrt(tracker**2 + (3.0 / 673e3 / ARCSEC) ** 2 + (0.5 * 9e-6 / 2.2 / ARCSEC) ** 2 + focal**2)
     assert np.std(z) == pytest.approx(wanted, rel=0.05)
 
 
-def test_one_pass_over_the_rows_is_the_observer_on_the_table():
-    scene, observer = tkachenko2019.view(PAPER, "two_images"), tkachenko2019.observer(PAPER, 5)
-    runs = draw(scene, np.random.default_rng(3), 500)
-    table = so3.log(observer(runs.observations, C_EK_MODEL).C_EK @ runs.C_EK_true.mT)
-    direct = errors_E(scene, observer, np.random.default_rng(3), 500)[-1].T
-    assert np.median(np.linalg.norm(table - direct, axis=-1)) < 1e-6 * ARCSEC
+def test_runs_of_a_given_initial_error_all_have_it(rng):
+    runs = draw(tkachenko2019.view(PAPER, "one_image"), rng, 3, theta_E=[0.01, -0.02, 0.03])
+    wanted = np.broadcast_to(so3.exp(np.array([0.01, -0.02, 0.03])), (3, 3, 3))
+    np.testing.assert_allclose(C_EK_MODEL @ runs.C_EK_true.mT, wanted, atol=1e-14)
+
+
+@pytest.mark.parametrize("images", ["one_image", "two_images"])
+def test_one_pass_over_the_rows_is_the_simulator_and_the_observer_on_the_same_draws(images, rng):
+    """Each unit draw put by hand where the simulator takes it."""
+    scene, observer = tkachenko2019.view(PAPER, images), tkachenko2019.observer(PAPER, 5)
+    m, n, runs = len(scene.r_J), len(scene.p_J), 300
+    Z = rng.standard_normal((draws(scene), runs))
+    of_run, of_image = Z[:4].T, Z[4:].T.reshape(runs, m, 8 + 2 * n)
+    C_EK_true = so3.exp(-scene.initial * of_run[:, :3]) @ C_EK_MODEL
+    tilt = np.zeros((runs, m, 3))
+    tilt[..., :2] = scene.aim / scene.range_m[:, None] * of_image[..., :2]
+    truth = scene.truth(C_EK_true, so3.exp(tilt) @ scene.C_KJ)
+    root_E = np.linalg.cholesky(scene.tracker_covariance)
+    # the rows read the pixels with a focal length that is off; the simulator takes it to first order
+    scale = 1.0 / (1.0 + scene.focal_length * of_run[:, None, 3:])
+    errors = Errors(
+        alpha_E=of_image[..., 2:5] @ root_E.T,
+        rho_J=scene.gps * of_image[..., 5:8],
+        pi_J=np.zeros((n, 3)),
+        pixel=scale * scene.marker * of_image[..., 8:].reshape(runs, m * n, 2),
+        tangent=(scale - 1.0) * truth.xy_K,
+    )
+    table = measure(truth, C_EK_true, errors)
+    wanted = so3.log(observer(table, C_EK_MODEL).C_EK @ C_EK_true.mT)
+    found = errors_E(scene, observer, Z)[-1].T
+    assert np.median(np.linalg.norm(found - wanted, axis=-1)) < 1e-6 * ARCSEC
+    assert np.median(np.linalg.norm(wanted, axis=-1)) > 50.0 * ARCSEC
 
 
 def test_orbital_axes_are_the_published_block_of_sigma_beta():
@@ -149,17 +181,38 @@ def test_totals_of_28_within_2_percent():
 
 
 @pytest.mark.slow
-def test_algorithm_1_is_of_the_published_order_on_average():
-    found = rows(lebedev_projective.algorithm1(300, np.random.default_rng(6)))
-    assert found["mean over t, r_p = 1 m"].verdict == "same order"
-    assert found["mean over t, r_p = 5 m"].verdict == "same order"
-    exact = found["t = 25 s, r_p = 0 m"]
-    assert exact.verdict == "cannot be recovered"
-    assert "heights is not stated" in exact.why
-    np.testing.assert_allclose(exact.ours.value, 0.0, atol=1e-5)
+def test_most_rows_of_algorithm_1_agree_by_the_reading_found_afterwards():
+    comparison = lebedev_projective.algorithm1(300, np.random.default_rng(6))
+    found = rows(comparison)
+    compared = {label: row for label, row in found.items() if row.verdict is not None}
+    assert len(compared) == 32
+    # the median of the printed cells over ours, for mu and for one coordinate of the position
+    for radius in ("1 m", "5 m"):
+        cells = [row for label, row in compared.items() if label.startswith("t =") and label.endswith(radius)]
+        ratio = np.array([row.published / row.ours.value for row in cells])
+        assert np.median(ratio[:, 0]) == pytest.approx(1.0, abs=0.25)
+        assert np.median(ratio[:, 2]) == pytest.approx(1.0, abs=0.35)
+        # the length of the position's error is shown, and compared with nothing
+        assert np.all(np.isnan(ratio[:, 1]))
+        assert sum(row.verdict == "agrees" for row in cells) >= 9
+        assert found[f"mean over t, r_p = {radius}"].verdict == "agrees"
+    assert any("chosen after the fact" in note for note in comparison.notes)
+    exact = [row for label, row in compared.items() if label.endswith("r_p = 0 m")]
+    assert {row.verdict for row in exact} == {"cannot be recovered"}
+    assert all("heights is not stated" in row.why for row in exact)
+    np.testing.assert_allclose([row.ours.value for row in exact], 0.0, atol=1e-5)
 
 
-@pytest.mark.slow
+def test_a_disc_is_uniform_with_variance_1_along_each_axis(rng):
+    """A uniform disc of radius R has the variance R^2/4 along an axis; half of its area lies within R / sqrt(2)."""
+    xi = Distribution("disc").draw(rng, (100_000, 2))
+    radius = np.linalg.norm(xi, axis=-1)
+    assert radius.max() <= 2.0
+    np.testing.assert_allclose(np.cov(xi.T), np.eye(2), atol=0.015)
+    np.testing.assert_allclose(xi.mean(axis=0), 0.0, atol=0.015)
+    assert np.mean(radius < np.sqrt(2.0)) == pytest.approx(0.5, abs=0.008)
+
+
 def test_more_images_by_our_reading_and_by_a_proper_treatment():
     found = rows(lebedev_images.images_sigma(4000, np.random.default_rng(7)))
     published_rows = [row for label, row in found.items() if row.published is not None]

@@ -16,14 +16,14 @@ from starplumb.physics.earth import C_JT, geodetic_to_itrf, itrf_to_geodetic
 from starplumb.physics.errors import InputError
 from starplumb.physics.orbit import KeplerOrbit, argument_of_latitude
 from starplumb.physics.units import ARCSEC, DEG
-from starplumb.plan import error_sources as sources
 from starplumb.plan import marker_layout as layout
 from starplumb.plan import passes
 from starplumb.plan.error_catalogue import Tracker, fused_axes
-from starplumb.plan.error_sources import Distribution, Effect, combine
 from starplumb.plan.scenario import Scenario
+from starplumb.table import error_sources as sources
 from starplumb.table.equation import residual_px
-from starplumb.table.simulate import measure
+from starplumb.table.error_sources import Distribution, Effect, combine
+from starplumb.table.simulate import Errors, measure
 
 SMALL = """\
 [scenario]
@@ -464,3 +464,46 @@ def test_a_scenario_from_plain_objects_is_that_of_its_file(write):
     assert start.model_is_true
     assert start.prior_E is None
     assert np.array_equal(start.initial.sigma, np.zeros(3))
+
+
+# -- one noise model --------------------------------------------------------------------------------------------------
+
+
+def test_sources_of_a_stated_table_have_the_covariance_of_the_sources_it_states(write):
+    """There and back: sources into a table's covariances and common errors, and those as sources again."""
+    scenario = load_scenario(write(more=EVERY))
+    of_table = sources.stated_sources(scenario.stated)
+
+    def V(these):
+        return sum(Effect.of(s, scenario.truth, scenario.model).covariance() for s in these)
+
+    wanted = V(scenario.sources)
+    np.testing.assert_allclose(V(of_table), wanted, atol=1e-9 * np.abs(wanted).max())
+
+
+def test_errors_drawn_from_a_table_have_its_covariance(write, rng):
+    """By sampling: residuals of simulated tables against the covariance of the true sources, common errors included."""
+    scenario = load_scenario(write(more=EVERY))
+    runs = 20_000
+    drawn = measure(scenario.truth, scenario.C_EK_true, Errors.draw(scenario.stated, rng, (runs,)))
+    z = residual_px(drawn, scenario.C_EK_true).reshape(runs, -1)
+    wanted = sum(Effect.of(s, scenario.truth, scenario.model).covariance() for s in scenario.sources)
+    scale = np.sqrt(np.diag(wanted))
+    found = z.T @ z / runs / np.outer(scale, scale)
+    np.testing.assert_allclose(found, wanted / np.outer(scale, scale), atol=6.0 / np.sqrt(runs))
+
+
+def test_patterns_of_a_batch_are_those_of_its_runs(write, rng):
+    """A table whose covariances differ from run to run: each run's draw is scaled by its own."""
+    o = load_scenario(write()).stated
+    factor = np.array([1.0, 3.0])
+    batch = replace(
+        o,
+        cov_attitude_E=factor[:, None, None, None] ** 2 * o.cov_attitude_E,
+        sigma_px=factor[:, None] * o.sigma_px,
+    )
+    for name, index in (("attitude", 0), ("pixel", 3)):
+        whole, one = sources.stated_sources(batch)[index], sources.stated_sources(o)[index]
+        assert whole.name == name
+        xi = rng.standard_normal((2, one.groups, one.component.size))
+        np.testing.assert_allclose(whole.error(xi), factor[:, None, None] * one.error(xi), rtol=1e-12)

@@ -24,11 +24,11 @@ from starplumb.io.scenario.read import find_scenario, load_scenario
 from starplumb.physics import so3
 from starplumb.physics.errors import InputError
 from starplumb.plan.bound import Linear, bound_E
-from starplumb.plan.error_sources import Distribution
 from starplumb.study.monte_carlo import Study, Tally
 from starplumb.study.run import Dask, Processes, Serial, choose, run
 from starplumb.study.store import Store
 from starplumb.study.summary import summarise, tally
+from starplumb.table.error_sources import Distribution
 
 
 @pytest.fixture(scope="module")

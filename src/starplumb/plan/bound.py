@@ -18,7 +18,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from .error_sources import Effect, Source
+from ..table.error_sources import Effect, Source
 from .scenario import Scenario
 
 Array = NDArray[np.float64]

@@ -13,8 +13,7 @@ from ..physics.light import inertial_velocity
 from ..physics.orbit import C_RO, argument_of_latitude
 from ..physics.trackers import Fusion, fusion_weights
 from ..table.campaign import Campaign
-from ..table.observations import Observations
-from .error_sources import (
+from ..table.error_sources import (
     UNIT_ARCSEC,
     UNIT_METRE,
     UNIT_MILLISECOND,
@@ -23,6 +22,7 @@ from .error_sources import (
     Distribution,
     Source,
 )
+from ..table.observations import Observations
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -33,25 +33,41 @@ _GAUSSIAN = Distribution()
 
 @dataclass(frozen=True)
 class Flight:
-    """What error sources need to know of a true scene: its table, its campaign, and the pass of each image (m,)."""
+    """What error sources need to know of a scene: its table without error, the pass of each image (m,), and, for errors
+    along the axes of the orbit or of inertial space, the campaign (None: a table alone)."""
 
     truth: Observations
-    campaign: Campaign
+    campaign: Campaign | None
     pass_of_image: Index
+
+    @classmethod
+    def of_table(cls, truth: Observations) -> Flight:
+        """A table whose images belong to one pass and whose orbit is not known."""
+        return cls(truth, None, np.zeros(truth.n_images, dtype=np.int64))
 
     @property
     def m(self) -> int:
         return self.truth.n_images
 
     @property
+    def flown(self) -> Campaign:
+        """The campaign; ValueError where there is only a table."""
+        if self.campaign is None:
+            raise ValueError("this error source needs the campaign, not its table alone")
+        return self.campaign
+
+    @property
+    def C_IJ(self) -> Array:
+        """Orientation of the Earth at each image (m, 3, 3)."""
+        if self.flown.orientation is None:
+            raise ValueError("a simulated campaign knows the orientation of the Earth")
+        return self.flown.orientation.C_IJ(self.flown.images.t_ns)
+
+    @property
     def state_I(self) -> tuple[Array, Array]:
         """Inertial r_I, v_I (m, 3) of the images."""
-        t_ns = self.campaign.images.t_ns
-        r_J, v_J = self.campaign.ephemeris.at(t_ns)
-        if self.campaign.orientation is None:
-            raise ValueError("a simulated campaign knows the orientation of the Earth")
-        C_IJ = self.campaign.orientation.C_IJ(t_ns)
-        r_I, v_I = ((C_IJ @ v[..., None])[..., 0] for v in (r_J, inertial_velocity(r_J, v_J)))
+        r_J, v_J = self.flown.ephemeris.at(self.flown.images.t_ns)
+        r_I, v_I = ((self.C_IJ @ v[..., None])[..., 0] for v in (r_J, inertial_velocity(r_J, v_J)))
         return r_I, v_I
 
     def groups(self, shared_by: str) -> Index:
@@ -69,9 +85,7 @@ class Flight:
         """Axes of a frame of the orbit's error in J (m, 3, 3): ITRF, GCRF, or orbital (along, across, down)."""
         if frame == "ITRF":
             return np.broadcast_to(np.eye(3), (self.m, 3, 3))
-        if self.campaign.orientation is None:
-            raise ValueError("a simulated campaign knows the orientation of the Earth")
-        C_JI = self.campaign.orientation.C_IJ(self.campaign.images.t_ns).mT
+        C_JI = self.C_IJ.mT
         return C_JI if frame == "GCRF" else np.asarray(C_JI @ C_RO(*self.state_I))
 
 
@@ -160,7 +174,7 @@ def correlated_position(
     flight: Flight, name: str, sigma: Array, frame: str, time_s: float, shape: Distribution = _GAUSSIAN
 ) -> Source:
     """Orbit error that forgets itself like a Gauss-Markov process: correlation ``exp(-|dt| / time)`` between images."""
-    t = 1e-9 * (flight.campaign.images.t_ns - flight.campaign.images.t_ns[0])
+    t = 1e-9 * (flight.flown.images.t_ns - flight.flown.images.t_ns[0])
     root = square_root(np.exp(-np.abs(t[:, None] - t) / time_s))
     pattern = (flight.axes_J(frame)[:, :, None, :] * root[:, None, :, None]).reshape(
         flight.m, 3, 3 * flight.m
@@ -184,7 +198,7 @@ def landmark(
     flight: Flight, name: str, sigma: Array, shared_by: str, shape: Distribution = _GAUSSIAN
 ) -> Source:
     """Survey error with ``sigma`` (3,) m east, north and up, of each marker or of the whole network."""
-    latitude, longitude, _ = itrf_to_geodetic(flight.campaign.landmarks.r_J)
+    latitude, longitude, _ = itrf_to_geodetic(flight.flown.landmarks.r_J)
     L = flight.truth.n_landmarks
     group = np.arange(L) if shared_by == "marker" else np.zeros(L, dtype=np.int64)
     words = f"place of a marker, shared by {'its images' if shared_by == 'marker' else 'the campaign'}"

@@ -15,9 +15,9 @@ from ..physics import so3
 from ..physics.earth import C_JT, itrf_to_geodetic
 from ..table.campaign import Campaign
 from ..table.equation import Linearised, linearise
+from ..table.error_sources import Distribution, Source, state
 from ..table.geometry import locate, observe
 from ..table.observations import Observations
-from .error_sources import Distribution, Source, state
 
 Array = NDArray[np.float64]
 

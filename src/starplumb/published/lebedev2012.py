@@ -40,9 +40,9 @@ def truth(setting: dict[str, Any], nadir: Nadir) -> Observations:
         np.zeros(setting["markers"], dtype=np.int64),
         PIXEL / (setting["focal_length_mm"] * MM),
         attitude_E=(setting["sigma_beta_arcsec"] * ARCSEC) ** 2 * np.eye(3),
-        position=setting["sigma_R_m"],
-        landmark=setting["sigma_P_m"],
-        pixel=setting["sigma_K_m"] / PIXEL,
+        position_m=setting["sigma_R_m"],
+        landmark_m=setting["sigma_P_m"],
+        noise_px=setting["sigma_K_m"] / PIXEL,
     )
 
 

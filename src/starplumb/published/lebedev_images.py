@@ -86,9 +86,9 @@ def _truth(
         np.repeat(np.arange(count), setting["markers"]),
         PIXEL / (setting["focal_length_mm"] * MM),
         attitude_E=np.diag(np.array(setting["sigma_attitude_arcsec"]) * ARCSEC) ** 2,
-        position=0.0,
-        landmark=0.0,
-        pixel=noise / PIXEL,
+        position_m=0.0,
+        landmark_m=0.0,
+        noise_px=noise / PIXEL,
     )
 
 

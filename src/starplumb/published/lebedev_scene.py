@@ -11,11 +11,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..physics import so3
 from ..physics.earth import C_JT, OMEGA_EARTH, geodetic_to_itrf
-from ..physics.light import Corrections
 from ..physics.orbit import GM_EARTH
 from ..physics.units import DEG
-from ..table.equation import predict
-from ..table.observations import Observations, sight
+from ..table.observations import Observations
+from .still import still_frames
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -86,29 +85,9 @@ def photographs(
 ) -> Observations:
     """True table of markers (..., n, 3) m about the site, each with its own landmark, seen in the given images (n,).
 
-    All images are taken from the same place (only the markers differ).  ``tan_px`` tangent of a pixel; ``sigmas``:
-    ``attitude_E`` (3, 3) rad^2, ``position`` m, ``landmark`` m, ``pixel`` px.
+    All images are taken from the same place (only the markers differ).  ``tan_px`` and ``sigmas`` as in
+    :func:`starplumb.published.still.still_frames`.
     """
     r_J, C_EJ = nadir.at(time_s)
     p_J = nadir.site_J + np.asarray(marker_T) @ nadir.C_JT.mT
-    n, m = image.size, int(image.max()) + 1
-    zero, r_J = np.zeros((n, 3)), np.broadcast_to(r_J, (n, 3))
-    geometry = {"r_J": r_J, "v_J": zero, "C_EJ": np.broadcast_to(C_EJ, (n, 3, 3)), "omega_E": zero}
-    none = Corrections(light_time=False, aberration=False)
-    directions = sight(p_J, line_period_s=np.zeros(n), corrections=none, **geometry)
-    return Observations(
-        image=image,
-        landmark=np.arange(n),
-        xy_K=predict(C_EK_TRUE, directions["e_E"]),
-        slope_K=np.broadcast_to(tan_px * np.eye(2), (n, 2, 2)),
-        line_period_s=np.zeros(n),
-        p_J=p_J,
-        sigma_px=np.full(n, sigmas["pixel"]),
-        weight=np.ones(n),
-        cov_attitude_E=np.broadcast_to(sigmas["attitude_E"], (m, 3, 3)),
-        cov_position_J=np.broadcast_to(sigmas["position"] ** 2 * np.eye(3), (m, 3, 3)),
-        cov_landmark_J=np.broadcast_to(sigmas["landmark"] ** 2 * np.eye(3), (n, 3, 3)),
-        corrections=none,
-        **geometry,
-        **directions,
-    )
+    return still_frames(r_J[None], C_EJ[None], p_J, image, np.arange(image.size), C_EK_TRUE, tan_px, **sigmas)

@@ -1,5 +1,7 @@
-"""The scene of Tkachenko 2019 on component rows: from unit normal draws to measurements, and to the observer's errors.
+"""Draws, scene and observer of Tkachenko 2019 in one pass over component rows: the fast way to many runs.
 
+The runs are those of :mod:`starplumb.published.tkachenko_scene`, which goes through the one simulator; compiled, this
+pass is several times as fast (docs/design/simulators.md), and a test holds the two against each other.
 Written like :mod:`starplumb.estimators.published.observer_rows`, whose work rows it fills.  Draws (rows of ``Z``):
 initial error 3, relative focal error 1, then per image: aim 2, attitude 3, position 3, and per marker of it column
 and row 2."""
@@ -12,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from ..estimators.published.observer import Observer
 from ..estimators.published.observer_rows import (
     SIGHTING_ROWS,
     STATE_ROWS,
@@ -21,6 +24,7 @@ from ..estimators.published.observer_rows import (
     updates,
     vector_equation,
 )
+from ..physics import so3
 from ..physics.components import (
     Array,
     Quaternion,
@@ -39,6 +43,8 @@ from ..physics.components import (
     turn,
     unit,
 )
+from ..physics.errors import InputError
+from .tkachenko_scene import C_EK_MODEL, Scene
 
 RUN_DRAWS = 4
 IMAGE_DRAWS = 8
@@ -195,3 +201,36 @@ def campaign(factorised: bool, compiled: bool) -> Callable[..., None]:
     scene = (begin, station, look, sighting, simulate_block, start, error)
     observer = (growth, form, vector_equation, one_cycle)
     return specialise(campaign_blocks, (*scene, *observer), {"update": form}, compiled)
+
+
+def draws(scene: Scene) -> int:
+    """Normal numbers that a run needs."""
+    return RUN_DRAWS + len(scene.r_J) * (IMAGE_DRAWS + MARKER_DRAWS * len(scene.p_J))
+
+
+def errors_E(scene: Scene, observer: Observer, Z: Array) -> Array:
+    """Errors (cycles, 3, runs) rad about E that the observer leaves after each cycle, from unit normal draws
+    (:func:`draws`, runs).
+
+    Raises InputError for another order of the equations than that of J's axes.
+    """
+    if observer.order != (0, 1, 2):
+        raise InputError(f"errors_E: found order = {observer.order}, wanted (0, 1, 2)")
+    images = np.concatenate([scene.r_J, so3.to_quaternion(scene.C_KJ), scene.range_m[:, None]], axis=-1)
+    root_E = np.asarray(np.linalg.cholesky(scene.tracker_covariance), dtype=np.float64)
+    sigma = np.array([scene.initial, scene.focal_length, scene.aim, scene.gps, scene.marker * scene.pixel])
+    P0 = np.array(np.broadcast_to(observer.P0, (3,)), dtype=np.float64)
+    errors = np.empty((observer.cycles, 3, Z.shape[1]))
+    campaign(observer.factorised, observer.compiled)(
+        Z,
+        images,
+        scene.p_J,
+        root_E,
+        so3.to_quaternion(C_EK_MODEL),
+        sigma,
+        P0,
+        float(np.sqrt(observer.floor)),
+        observer.parameters,
+        errors,
+    )
+    return errors

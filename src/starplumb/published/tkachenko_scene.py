@@ -9,17 +9,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..estimators.published.observer import Observer
-from ..estimators.published.observer_rows import SIGHTING_ROWS, STATE_ROWS
 from ..physics import so3
 from ..physics.earth import OMEGA_EARTH, geodetic_to_itrf
-from ..physics.errors import InputError
-from ..physics.light import Corrections
 from ..physics.orbit import KeplerOrbit, pointing
 from ..physics.units import ARCMIN, ARCSEC, DEG, MM, UM
+from ..plan.error_catalogue import Flight, focal_length
 from ..plan.scene import site_grid
+from ..table import error_sources
+from ..table.error_sources import stated_sources
 from ..table.observations import Observations
-from .tkachenko_rows import IMAGE_DRAWS, MARKER_DRAWS, RUN_DRAWS, TRUTH_ROWS, campaign, simulate_block
+from ..table.simulate import measure
+from .still import still_frames
 
 Array = NDArray[np.float64]
 
@@ -40,28 +40,46 @@ def trackers(cone: float, sigma: ArrayLike) -> Array:
 
 @dataclass(frozen=True)
 class Scene:
-    """True geometry and the sigmas of everything drawn.
+    """Nominal geometry and the sigmas of everything drawn.
 
-    ``images`` (m, 8): r_J, quaternion of C_KJ, range; ``p_J`` (n, 3); ``tracker_covariance`` (3, 3) rad^2;
-    ``sigma`` (5): initial error rad, relative focal length, aim m, GPS m, marker in tangents; ``pixel`` rad.
+    ``r_J`` (m, 3) and ``C_KJ`` (m, 3, 3) of the images; ``p_J`` (n, 3); ``tracker_covariance`` (3, 3) rad^2;
+    ``initial`` rad, ``focal_length`` relative, ``aim`` m, ``gps`` m, ``marker`` px; ``pixel`` its tangent.
     """
 
-    images: Array
+    r_J: Array
+    C_KJ: Array
     p_J: Array
     tracker_covariance: Array
-    sigma: Array
+    initial: float
+    focal_length: float
+    aim: float
+    gps: float
+    marker: float
     pixel: float
 
     @property
-    def draws(self) -> int:
-        """Normal numbers that a run needs."""
-        return RUN_DRAWS + len(self.images) * (IMAGE_DRAWS + MARKER_DRAWS * len(self.p_J))
+    def range_m(self) -> Array:
+        """Distance of each image (m,) from the middle of the markers."""
+        return np.asarray(np.linalg.norm(np.mean(self.p_J, axis=0) - self.r_J, axis=-1))
 
-    @property
-    def constants(self) -> tuple[Array, Array, Array]:
-        """Root of the trackers' covariance, quaternion of the model mounting, sigmas: what the rows' formulas take."""
-        root = np.asarray(np.linalg.cholesky(self.tracker_covariance), dtype=np.float64)
-        return root, so3.to_quaternion(C_EK_MODEL), self.sigma
+    def truth(self, C_EK_true: Array, C_KJ: Array) -> Observations:
+        """Tables without error of mountings (..., 3, 3) whose images are turned to ``C_KJ`` (..., m, 3, 3)."""
+        m, n = len(self.r_J), len(self.p_J)
+        image = np.repeat(np.arange(m), n)
+        C_EJ = (C_EK_true[..., None, :, :] @ C_KJ)[..., image, :, :]
+        return still_frames(
+            self.r_J[image],
+            C_EJ,
+            np.tile(self.p_J, (m, 1)),
+            image,
+            np.tile(np.arange(n), m),
+            C_EK_true,
+            self.pixel,
+            attitude_E=self.tracker_covariance,
+            position_m=self.gps,
+            landmark_m=0.0,
+            noise_px=self.marker,
+        )
 
 
 def scene(paper: Mapping[str, Any], pitch_deg: ArrayLike, focal_length_mm: float, cone_deg: float) -> Scene:
@@ -70,22 +88,17 @@ def scene(paper: Mapping[str, Any], pitch_deg: ArrayLike, focal_length_mm: float
     site = place["latitude_deg"] * DEG, place["longitude_deg"] * DEG
     centre = geodetic_to_itrf(*site, 0.0)
     r_J, v_J = _pass(place, centre, np.atleast_1d(pitch_deg) * DEG)
-    C_JK = pointing(r_J, v_J, centre)
-    reach = np.linalg.norm(centre - r_J, axis=-1, keepdims=True)
-    focal = focal_length_mm * MM
-    sigma = [
-        errors["initial_arcmin"] * ARCMIN,
-        paper["camera"]["focal_length_error"],
-        errors["aim_m"],
-        errors["gps_m"],
-        errors["marker_px"] * paper["camera"]["pixel_um"] * UM / focal,
-    ]
     return Scene(
-        images=np.concatenate([r_J, so3.to_quaternion(C_JK.mT), reach], axis=-1),
+        r_J=r_J,
+        C_KJ=pointing(r_J, v_J, centre).mT,
         p_J=site_grid(*site, 0.0, np.array(place["markers_east_north_m"])),
         tracker_covariance=trackers(cone_deg * DEG, np.array(errors["tracker_arcsec"]) * ARCSEC),
-        sigma=np.array(sigma),
-        pixel=paper["camera"]["pixel_um"] * UM / focal,
+        initial=errors["initial_arcmin"] * ARCMIN,
+        focal_length=paper["camera"]["focal_length_error"],
+        aim=errors["aim_m"],
+        gps=errors["gps_m"],
+        marker=errors["marker_px"],
+        pixel=paper["camera"]["pixel_um"] * UM / (focal_length_mm * MM),
     )
 
 
@@ -115,93 +128,23 @@ def _pass(place: Mapping[str, Any], site_J: Array, pitch: Array) -> tuple[Array,
 
 @dataclass(frozen=True)
 class Runs:
-    """Simulated runs: the observer's work rows (10 + 16 n m, runs), and the same as an observation table."""
+    """Simulated runs: what any estimator reads, and the truth (runs, 3, 3) behind it."""
 
-    rows: Array
-    scene: Scene
-    Z: Array
-
-    @property
-    def C_EK_true(self) -> Array:
-        """``exp(-theta_E) C_EK_MODEL`` (runs, 3, 3)."""
-        return so3.from_quaternion(self.rows[:4].mT)
-
-    @property
-    def theta_E(self) -> Array:
-        """Initial errors (runs, 3) rad."""
-        return np.asarray(self.scene.sigma[0] * self.Z[:3].mT)
-
-    @property
-    def observations(self) -> Observations:
-        """What any estimator reads; the focal length's error is in the tangents, but stated nowhere."""
-        s = self.scene
-        m, n = len(s.images), len(s.p_J)
-        block = self.rows[STATE_ROWS:].reshape(m * n, SIGHTING_ROWS, -1)
-        e_K, e_E, axes = (np.moveaxis(block[:, a:b], -1, 0) for a, b in ((0, 3), (3, 6), (6, 15)))
-        image = np.repeat(np.arange(m), n)
-        first = RUN_DRAWS + (IMAGE_DRAWS + MARKER_DRAWS * n) * image
-        rho_J = s.sigma[3] * np.moveaxis(self.Z[first[:, None] + np.arange(5, 8)], -1, 0)
-        r_J = s.images[image, :3] + rho_J
-        p_J = np.tile(s.p_J, (m, 1))
-        count = m * n
-        return Observations(
-            image=image,
-            landmark=np.tile(np.arange(n), m),
-            xy_K=e_K[..., :2] / e_K[..., 2:],
-            slope_K=np.broadcast_to(s.pixel * np.eye(2), (count, 2, 2)),
-            line_period_s=np.zeros(count),
-            C_EJ=axes.reshape(-1, count, 3, 3).mT,
-            omega_E=np.zeros((count, 3)),
-            r_J=r_J,
-            v_J=np.zeros((count, 3)),
-            p_J=p_J,
-            e_E=e_E,
-            row_rate_E=np.zeros((count, 3)),
-            range_m=np.linalg.norm(p_J - r_J, axis=-1),
-            sigma_px=np.full(count, s.sigma[4] / s.pixel),
-            weight=np.ones(count),
-            cov_attitude_E=np.broadcast_to(s.tracker_covariance, (m, 3, 3)),
-            cov_position_J=np.broadcast_to(s.sigma[3] ** 2 * np.eye(3), (m, 3, 3)),
-            cov_landmark_J=np.zeros((n, 3, 3)),
-            corrections=Corrections(light_time=False, aberration=False),
-        )
+    observations: Observations
+    C_EK_true: Array
 
 
 def draw(scene: Scene, rng: np.random.Generator, runs: int, theta_E: ArrayLike | None = None) -> Runs:
     """Simulate runs, all with the initial error ``theta_E`` (3,) rad where one is given.
 
-    The work rows hold the true mounting in place of the model's; the state of P is left to the observer.
+    Drawn anew for each run: the true mounting, the aim of each image, what the table states (attitude, position,
+    marker), and the focal length, whose error no estimator knows of.
     """
-    Z = rng.standard_normal((scene.draws, runs))
-    if theta_E is not None:
-        Z[:3] = (np.asarray(theta_E) / scene.sigma[0])[:, None]
-    rows = np.zeros((STATE_ROWS + SIGHTING_ROWS * len(scene.images) * len(scene.p_J), runs))
-    K = np.zeros((TRUTH_ROWS, runs))
-    simulate_block(Z, rows, K, scene.images, scene.p_J, *scene.constants, 1.0)
-    rows[:4] = K[:4]
-    return Runs(rows, scene, Z)
-
-
-def errors_E(scene: Scene, observer: Observer, rng: np.random.Generator, runs: int) -> Array:
-    """Errors (cycles, 3, runs) rad about E that the observer leaves after each cycle: draws, scene and cycles in one
-    pass over blocks of runs, for many of them.
-
-    Raises InputError for another order of the equations than that of J's axes.
-    """
-    if observer.order != (0, 1, 2):
-        raise InputError(f"errors_E: found order = {observer.order}, wanted (0, 1, 2)")
-    Z = rng.standard_normal((scene.draws, runs))
-    errors = np.empty((observer.cycles, 3, runs))
-    P0 = np.array(np.broadcast_to(observer.P0, (3,)), dtype=np.float64)
-    run = campaign(observer.factorised, observer.compiled)
-    run(
-        Z,
-        scene.images,
-        scene.p_J,
-        *scene.constants,
-        P0,
-        float(np.sqrt(observer.floor)),
-        observer.parameters,
-        errors,
-    )
-    return errors
+    theta = scene.initial * rng.standard_normal((runs, 3)) if theta_E is None else np.asarray(theta_E)
+    C_EK_true = so3.exp(np.broadcast_to(-theta, (runs, 3))) @ C_EK_MODEL
+    tilt = np.zeros((runs, len(scene.r_J), 3))
+    tilt[..., :2] = scene.aim / scene.range_m[:, None] * rng.standard_normal((*tilt.shape[:-1], 2))
+    truth = scene.truth(C_EK_true, so3.exp(tilt) @ scene.C_KJ)
+    focal = focal_length(Flight.of_table(truth), "focal length", scene.focal_length)
+    errors = error_sources.draw(truth, (*stated_sources(truth), focal), rng, (runs,))
+    return Runs(measure(truth, C_EK_true, errors), C_EK_true)

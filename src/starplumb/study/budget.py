@@ -22,8 +22,8 @@ from ..estimators.gls import Gls, adjust
 from ..estimators.protocol import Estimator
 from ..physics import so3
 from ..plan.bound import Linear, effects, fits
-from ..plan.error_sources import Source, combine
 from ..plan.scenario import Scenario
+from ..table.error_sources import Source, combine
 from ..table.simulate import measure
 from .monte_carlo import SIGHTINGS_AT_ONCE
 

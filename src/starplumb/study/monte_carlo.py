@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from .. import __version__
 from ..estimators.protocol import AlignmentEstimate, Estimator, Status
 from ..physics import so3
-from ..plan.error_sources import draw
 from ..plan.scenario import Scenario
+from ..table.error_sources import draw
 from ..table.observations import Observations
 from ..table.simulate import measure
 from .statistics import Moments, Sketch

@@ -2,56 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..physics import so3
-from ..physics.covariance import square_root
 from .equation import predict
+from .error_sources import Errors
 from .observations import Observations
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Errors:
-    """Errors of one or many runs: measured = true + error, of a rotation exp(error) times it.
-
-    ``alpha_E`` (..., m, 3) rad attitude of each image; ``rho_J`` (..., m, 3) m position of each image;
-    ``pi_J`` (..., L, 3) m place of each landmark; ``pixel`` (..., n, 2) column and row of each sighting;
-    ``late_s`` (..., m) s by which attitude and position of an image are read too late; ``tangent`` (..., n, 2) error of
-    the look direction xy_K that the camera model gives a sighting's pixel.  None for no such error.
-    """
-
-    alpha_E: Array
-    rho_J: Array
-    pi_J: Array
-    pixel: Array
-    late_s: Array | None = None
-    tangent: Array | None = None
-
-    @classmethod
-    def draw(cls, truth: Observations, rng: np.random.Generator, batch: tuple[int, ...] = ()) -> Errors:
-        """Gaussian errors with the covariances the table states."""
-        m, L, n = truth.n_images, truth.n_landmarks, truth.n
-
-        def shared(covariance: Array, count: int) -> Array:
-            unit = rng.standard_normal((*batch, count, 3, 1))
-            return np.asarray((square_root(covariance) @ unit)[..., 0])
-
-        return cls(
-            shared(truth.cov_attitude_E, m),
-            shared(truth.cov_position_J, m),
-            shared(truth.cov_landmark_J, L),
-            truth.sigma_px[..., None] * rng.standard_normal((*batch, n, 2)),
-        )
-
-    def only(self, source: str) -> Errors:
-        """The errors of one source, a field's name, alone."""
-        values = {field.name: getattr(self, field.name) for field in fields(self)}
-        return Errors(**{n: v if n == source or v is None else np.zeros_like(v) for n, v in values.items()})
+__all__ = ["Errors", "measure"]
 
 
 def measure(truth: Observations, C_EK_true: Array, errors: Errors) -> Observations:

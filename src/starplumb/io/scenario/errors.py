@@ -9,7 +9,7 @@ from ...physics import so3
 from ...physics.units import ARCSEC, DEG
 from ...plan import error_catalogue as errors
 from ...plan.error_catalogue import Flight, Tracker
-from ...plan.error_sources import Distribution, Source
+from ...table.error_sources import Distribution, Source
 from .config import ScenarioConfig
 from .error_config import SHARED_BY, ErrorConfig, TrackerConfig
 

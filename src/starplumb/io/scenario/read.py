@@ -22,9 +22,9 @@ from ...physics.units import ARCSEC, DEG
 from ...plan import marker_layout as layout
 from ...plan import passes, scene
 from ...plan.error_catalogue import Flight
-from ...plan.error_sources import Distribution
 from ...plan.scenario import Initial, Scenario
 from ...table.campaign import Campaign
+from ...table.error_sources import Distribution
 from ...table.geometry import observe
 from ..campaign.attitude import model_mounting
 from ..campaign.camera import read_camera

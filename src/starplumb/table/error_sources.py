@@ -4,27 +4,30 @@ Every source is one formula.  Element j of an error field (an image's attitude, 
 pixel...) is off by ``pattern_j diag(sigma) xi_g(j)``, where xi_g is drawn once for each group g of elements with mean 0
 and variance 1.  White noise has a group for every element; an error of a pass, or of the campaign, one for all of its
 images; a drift with the orbit or a correlated error one group and a pattern that varies from image to image.
+
+This is the one noise model: simulator, bound and budget take sources, and the covariances that a table states are
+sources too (:func:`stated_sources`); :func:`state` writes sources into a table.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..physics.covariance import square_root
 from ..physics.units import ARCSEC
-from ..table.equation import Linearised
-from ..table.observations import Observations
-from ..table.simulate import Errors
+from .equation import Linearised
+from .observations import Observations
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 Field = Literal["alpha_E", "rho_J", "pi_J", "pixel", "late_s", "tangent"]
-Shape = Literal["gaussian", "uniform", "student", "blunder"]
+Shape = Literal["gaussian", "uniform", "student", "blunder", "disc"]
 
 
 @dataclass(frozen=True)
@@ -46,6 +49,7 @@ UNIT_PPM = Unit("ppm", 1e-6)
 class Distribution:
     """Shape of a draw of mean 0 and variance 1.
 
+    ``disc`` draws pairs of coordinates uniformly from a disc, whose radius is 2 where each has variance 1.
     ``student`` has ``degrees_of_freedom`` above 2, scaled to variance 1.  A ``blunder`` happens to a group with
     probability ``rate`` and is then Gaussian with variance 1, else it is 0.
     """
@@ -61,6 +65,9 @@ class Distribution:
         if self.shape == "student":
             nu = self.degrees_of_freedom
             return np.asarray(np.sqrt((nu - 2.0) / nu) * rng.standard_t(nu, size))
+        if self.shape == "disc":
+            radius, angle = 2.0 * np.sqrt(rng.random(size[:-1])), 2.0 * np.pi * rng.random(size[:-1])
+            return np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=-1)
         gaussian = rng.standard_normal(size)
         if self.shape == "blunder":
             return np.where(rng.random((*size[:-1], 1)) < self.rate, gaussian, 0.0)
@@ -71,7 +78,7 @@ class Distribution:
 class Source:
     """One source of error.
 
-    ``pattern`` (J, d, q) over the J elements of ``field``, of d coordinates each; ``group`` (J,) the draw that an
+    ``pattern`` (..., J, d, q) over the J elements of ``field``, of d coordinates each; ``group`` (J,) the draw that an
     element takes; ``component`` (q,) which of the ``sigma`` (c,) (SI) scales each coordinate of a draw; ``labels`` (c,)
     name them.
     """
@@ -89,12 +96,12 @@ class Source:
 
     @property
     def gain(self) -> Array:
-        """What a draw does to each element, (J, d, q) in the field's unit."""
+        """What a draw does to each element, (..., J, d, q) in the field's unit."""
         return np.asarray(self.pattern * self.sigma[self.component])
 
     @property
     def groups(self) -> int:
-        return int(self.group.max()) + 1
+        return int(self.group.max(initial=-1)) + 1
 
     @property
     def is_white(self) -> bool:
@@ -117,10 +124,39 @@ class Source:
         """Errors (..., J, d) that draws (..., groups, q) amount to."""
         gain = self.gain
         taken = xi if self.is_white else xi[..., self.group, :]
-        total = np.zeros((*xi.shape[:-2], *gain.shape[:2]))
-        for i, k in np.argwhere(np.any(gain, axis=0)):
-            total[..., i] += gain[:, i, k] * taken[..., k]
+        batch = np.broadcast_shapes(xi.shape[:-2], gain.shape[:-3])
+        total = np.zeros((*batch, *gain.shape[-3:-1]))
+        for i, k in np.argwhere(np.any(gain, axis=tuple(range(gain.ndim - 2)))):
+            total[..., i] += gain[..., i, k] * taken[..., k]
         return total
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Errors of one or many runs: measured = true + error, of a rotation exp(error) times it.
+
+    ``alpha_E`` (..., m, 3) rad attitude of each image; ``rho_J`` (..., m, 3) m position of each image;
+    ``pi_J`` (..., L, 3) m place of each landmark; ``pixel`` (..., n, 2) column and row of each sighting;
+    ``late_s`` (..., m) s by which attitude and position of an image are read too late; ``tangent`` (..., n, 2) error of
+    the look direction xy_K that the camera model gives a sighting's pixel.  None for no such error.
+    """
+
+    alpha_E: Array
+    rho_J: Array
+    pi_J: Array
+    pixel: Array
+    late_s: Array | None = None
+    tangent: Array | None = None
+
+    @classmethod
+    def draw(cls, truth: Observations, rng: np.random.Generator, batch: tuple[int, ...] = ()) -> Errors:
+        """Gaussian errors as the table states them."""
+        return draw(truth, stated_sources(truth), rng, batch)
+
+    def only(self, source: str) -> Errors:
+        """The errors of one source, a field's name, alone."""
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        return Errors(**{n: v if n == source or v is None else np.zeros_like(v) for n, v in values.items()})
 
 
 def combine(truth: Observations, fields: Sequence[tuple[Field, Array]]) -> Errors:
@@ -145,6 +181,33 @@ def draw(
 ) -> Errors:
     """Errors of all sources, drawn one source after another."""
     return combine(truth, [(source.field, source.draw(rng, batch)) for source in sources])
+
+
+def stated_sources(table: Observations) -> tuple[Source, ...]:
+    """The errors that a table states, as sources: what each image, landmark and sighting has of its own, and, where
+    there is ``common_px``, what any other set of sightings shares.
+
+    The covariances are in the patterns, so that each sigma is 1.
+    """
+    m, L, n = table.n_images, table.n_landmarks, table.n
+    noise_px = table.sigma_px[..., None, None] * np.eye(2)
+    own = (
+        _stated("attitude", "alpha_E", square_root(table.cov_attitude_E), np.arange(m)),
+        _stated("position", "rho_J", square_root(table.cov_position_J), np.arange(m)),
+        _stated("landmark", "pi_J", square_root(table.cov_landmark_J), np.arange(L)),
+        _stated("pixel", "pixel", noise_px, np.arange(n)),
+    )
+    if table.common_px is None:
+        return own
+    # common_px is in residuals, predicted minus measured pixel
+    return (*own, _stated("common", "pixel", -table.common_px, np.zeros(n, dtype=np.int64)))
+
+
+def _stated(name: str, field: Field, pattern: Array, group: Index) -> Source:
+    q = pattern.shape[-1]
+    unit = {"alpha_E": Unit("rad", 1.0), "pixel": UNIT_PIXEL}.get(field, UNIT_METRE)
+    labels = tuple(str(k + 1) for k in range(q))
+    return Source(name, "as stated", field, pattern, group, np.arange(q), np.ones(q), labels, unit)
 
 
 def element(o: Observations, field: Field) -> Index:
@@ -182,7 +245,7 @@ class Effect:
     @classmethod
     def of(cls, source: Source, o: Observations, model: Linearised) -> Effect:
         j = element(o, source.field)
-        return cls(source, source.group[j], _slope(o, model, source.field) @ source.gain[j])
+        return cls(source, source.group[j], _slope(o, model, source.field) @ source.gain[..., j, :, :])
 
     def covariance(self) -> Array:
         """Covariance of all residuals by this source, (2 n, 2 n) px^2."""
