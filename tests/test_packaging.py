@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import subprocess
+import sys
 import tomllib
 import zipfile
 from pathlib import Path
@@ -65,7 +66,26 @@ def test_dev_brings_every_extra() -> None:
     assert set(",".join(listed).split(",")) == set(EXTRAS) - {"dev", "oracles"}
 
 
-def test_versions_agree() -> None:
-    citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
-    assert PROJECT["version"] == starplumb.__version__
-    assert f"version: {starplumb.__version__}\n" in citation
+def test_nothing_but_the_package_is_in_the_wheel(wheel: zipfile.ZipFile) -> None:
+    info = f"starplumb-{starplumb.__version__}.dist-info"
+    assert {name.split("/")[0] for name in wheel.namelist()} == {"starplumb", info}
+    assert not [name for name in wheel.namelist() if "__pycache__" in name or "test" in Path(name).name]
+
+
+def test_versions_agree(wheel: zipfile.ZipFile) -> None:
+    """The package's own number is the one place; the citation repeats it."""
+    metadata = wheel.read(f"starplumb-{starplumb.__version__}.dist-info/METADATA").decode()
+    assert f"\nVersion: {starplumb.__version__}\n" in metadata
+    assert f"version: {starplumb.__version__}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+
+
+def test_every_requirement_has_a_lowest_version() -> None:
+    """They are what .ci/run installs and tests; a requirement without one would be tested at its newest only."""
+    named = [*PROJECT["dependencies"], *(entry for entries in EXTRAS.values() for entry in entries)]
+    named = [entry for entry in named if not entry.startswith(("starplumb", "naif-"))]
+    done = subprocess.run(
+        [sys.executable, ROOT / ".ci" / "lowest.py"], capture_output=True, text=True, check=True
+    )
+    lowest = dict(line.split("==") for line in done.stdout.split())
+    assert {re.split(r"[>=<~!;\s]", entry)[0] for entry in named} == set(lowest)
+    assert all(f">={lowest[entry.split('>=')[0]]}" in entry for entry in named)

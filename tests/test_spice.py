@@ -195,7 +195,7 @@ def loaded(path: Path, call):
 
 
 def test_frame_kernel_gives_back_the_mounting(tmp_path, rng):
-    for C in [C_EK, *Rotation.random(20, rng=rng).as_matrix()]:
+    for C in [C_EK, *Rotation.random(20, random_state=rng).as_matrix()]:
         write_frame_kernel(tmp_path / "m.tf", C, "camera", "star_tracker")
         found = loaded(tmp_path / "m.tf", lambda: spice.pxform("camera", "star_tracker", 0.0))
         assert np.abs(found - C).max() <= ROUNDING

@@ -74,11 +74,13 @@ class Output:
     def watched(self, items: Iterable[Item], doing: str, total: int) -> Iterable[Item]:
         """The items of long work with a progress bar on a terminal's standard error, none in a pipe."""
         from rich.console import Console
-        from rich.progress import track
 
         console = Console(stderr=True)
-        silent = self.quiet or not console.is_terminal
-        return track(items, doing, total=total, console=console, transient=True, disable=silent)
+        if self.quiet or not console.is_terminal:
+            return items
+        from rich.progress import track
+
+        return track(items, doing, total=total, console=console, transient=True)
 
 
 def drawn(cells: Cells) -> Table:
