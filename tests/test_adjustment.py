@@ -154,6 +154,7 @@ def chain(rng):
     return measure(replace(o, landmark=landmark), C_EK_TRUE, Errors.draw(o, rng))
 
 
+@pytest.mark.slow
 def test_a_chain_of_images_is_solved_block_by_block(way, rng):
     """Several blocks and two components, against one dense matrix."""
     o = chain(rng)

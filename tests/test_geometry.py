@@ -14,11 +14,12 @@ from problems import C_EK_TRUE, FRAME, LINE, UniformEarth, truth
 from starplumb.physics import so3
 from starplumb.physics.camera import Distortion, FrameCamera
 from starplumb.physics.earth import geodetic_to_itrf, itrf_to_geodetic
-from starplumb.physics.errors import EpochError
+from starplumb.physics.errors import EpochError, InputError
 from starplumb.physics.light import Corrections
 from starplumb.physics.orbit import KeplerOrbit
 from starplumb.physics.units import ARCSEC, DEG
 from starplumb.plan import scene
+from starplumb.table import geometry
 from starplumb.table.equation import residual_px
 from starplumb.table.geometry import locate, observe, position_covariance, project, stations
 
@@ -164,3 +165,31 @@ def test_marker_sigmas_are_along_east_north_and_up():
     np.testing.assert_allclose(
         to_local @ marker.covariance_J[0] @ to_local.T, np.diag([25.0, 1.0, 4.0]), atol=1e-9
     )
+
+
+# Refusals -----------------------------------------------------------------------------------------------------
+
+
+def test_a_point_that_no_row_of_a_scanner_sees_is_refused():
+    """The other side of the Earth: the search must neither return a row nor go on for ever."""
+    campaign = truth(LINE, images=1, markers=1)
+    zero = np.zeros(1, int)
+    antipode = -locate(campaign, C_EK_TRUE, zero, [3000.0], [0.0], 0.0)
+    with pytest.raises((InputError, EpochError), match=r"row|epoch"):
+        project(campaign, C_EK_TRUE, zero, antipode)
+
+
+def test_a_search_that_does_not_settle_is_refused(monkeypatch):
+    """A step that never shrinks below the tolerance: no answer, and after a few rounds."""
+    campaign = truth(LINE, images=1, markers=1)
+    zero, steps = np.zeros(1, int), []
+
+    def restless(campaign, C_EK, pixel, directions):
+        steps.append(pixel)
+        return np.full_like(pixel, (-1.0) ** len(steps))
+
+    monkeypatch.setattr(geometry, "_scan_step", restless)
+    p_J = locate(campaign, C_EK_TRUE, zero, [3000.0], [0.0], 0.0)
+    with pytest.raises(InputError, match="the search for the row of a point did not converge"):
+        project(campaign, C_EK_TRUE, zero, p_J, [[3000.0, 0.0]])
+    assert 10 < len(steps) < 100

@@ -182,6 +182,21 @@ def test_unknown_ground_is_not_a_number():
     assert np.isnan(nowhere)
 
 
+def test_ground_known_only_far_below_the_ray_is_not_met():
+    """Beside the ground that the ray meets; it passes over what is known, thousands of metres above."""
+    scene, _, _ = oblique()
+    pixel = np.array([6000.0, 6000.0])
+    over = locate(scene, C_EK_TRUE, np.array([0]), pixel[:1], pixel[1:], 6000.0)
+    known = itrf_to_geodetic(over)
+
+    def patch(lat, lon):
+        near = np.hypot(lat - known[0][0], (lon - known[1][0]) * np.cos(lat)) * 6.37e6 < 500.0
+        return np.where(near, 100.0, np.nan)
+
+    assert np.isfinite(patch(known[0], known[1])).all()
+    assert np.isnan(ground_height(scene, C_EK_TRUE, 0, pixel, patch, 30.0))
+
+
 @pytest.mark.slow
 def test_locate_on_a_dem(tmp_path):
     campaign, _ = demo("frame", 1, 4)

@@ -161,6 +161,7 @@ print(hashlib.sha256(calibration_page(done, document).encode()).hexdigest())
 """
 
 
+@pytest.mark.slow
 def test_the_same_input_gives_the_same_bytes():
     digests = set()
     for seed in ("1", "2"):

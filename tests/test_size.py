@@ -121,6 +121,7 @@ def test_an_attitude_hardly_known_keeps_its_digits(small_limits, rng):
     np.testing.assert_allclose(chunked.x, whole.x, atol=1e-5 * np.sqrt(np.diag(whole.covariance)).min())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("width", [1, 63, 64, 65, 200])
 def test_compiled_rows_are_those_of_numpy(rng, width):
     """Whatever the number of sightings leaves of the last window."""

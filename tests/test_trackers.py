@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from bad_cases import swap
 from command import starplumb
 from helpers import ATTITUDE, CAMPAIGN, write_good_campaign
-from problems import C_EK_TRUE, FRAME, LINE, truth
+from problems import C_EK_TRUE, FRAME, LINE, UniformEarth, truth
 from starplumb.estimators.gls import Gls
 from starplumb.io.campaign.read import load_campaign
 from starplumb.io.campaign.write import write_campaign
@@ -130,6 +130,47 @@ def test_readings_at_random_have_no_average_to_speak_of(rng):
     W = fusion_weights(scaled @ scaled.mT, np.ones(3, dtype=bool), "weighted")[:, None]
     with pytest.raises(InputError, match="contradict"):
         mean_rotation(C, W, C[0])
+
+
+@pytest.mark.parametrize(
+    "exact", [np.zeros(3), np.array([0.0, 5.0, 5.0]) * ARCSEC], ids=["all axes", "one axis"]
+)
+def test_a_tracker_that_claims_to_be_exact_is_refused_where_weights_are_sought(exact):
+    pair = (tracker("exact", np.eye(3), np.zeros(3), sigma=exact), tracker("other", np.eye(3), np.zeros(3)))
+    with pytest.raises(InputError, match="sigma of 0 gives it all the weight"):
+        FusedAttitude(pair).at(T_NS)
+    np.testing.assert_allclose(FusedAttitude(pair, "mean").at(T_NS)[0], turning(T_NS), atol=1e-14)
+
+
+def test_an_axis_a_hundred_thousand_times_better_is_weighed_and_not_refused():
+    """Variances 1e10 apart within one tracker: by hand, its share about x is 1 - 1e-10 and about y a half."""
+    off = np.array([100.0, 100.0, 0.0]) * ARCSEC
+    pair = (
+        tracker("good", np.eye(3), np.zeros(3), sigma=np.array([1e-4, 10.0, 10.0]) * ARCSEC),
+        tracker("poor", np.eye(3), off, sigma=np.full(3, 10.0) * ARCSEC),
+    )
+    found = so3.log(FusedAttitude(pair).at(T_NS)[0] @ turning(T_NS).mT) / ARCSEC
+    np.testing.assert_allclose(found[:, :2], np.tile([0.0, 50.0], (T_NS.size, 1)), atol=0.02)
+
+
+def test_an_epoch_outside_the_earths_orientation_is_named_by_its_own_row():
+    """The second tracker covers the epochs from 5 s on and no others; the table of the Earth ends among them."""
+
+    class UntilSix(UniformEarth):
+        def C_IJ(self, t_ns):
+            late = np.asarray(t_ns) > 6 * S
+            if late.any():
+                raise EpochError("found an epoch after the table", int(np.argmax(late)))
+            return super().C_IJ(t_ns)
+
+    def inertial(name, t_ns):
+        series = Attitude(t_ns, so3.to_quaternion(turning(t_ns)), "GCRF", UntilSix(), name=name)
+        return TrackerSeries(name, series, np.eye(3), SIGMA_A)
+
+    fused = FusedAttitude((inertial("short", T_NS), inertial("late", S * np.arange(5, 10))))
+    with pytest.raises(EpochError, match="after the table") as caught:
+        fused.at(np.array([3, 8, 2, 5, 9]) * S)
+    assert caught.value.row == 1
 
 
 def test_one_epoch_at_a_time_and_all_at_once(rng):
