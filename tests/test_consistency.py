@@ -145,8 +145,31 @@ def test_views_that_cannot_tell_the_aberration_say_so_and_do_not_weaken(rng):
     for table in (o, wrong):
         found = [f for f in say(table) if "aberration" in f.sentence]
         assert [f.weakens for f in found] == [False]
+        assert [f.informs for f in found] == [table is o]
         assert "views in other directions would tell" in found[0].sentence
     assert "may be wrong" in found[0].sentence
+
+
+def test_settings_that_all_fit_absurdly_are_no_argument(rng):
+    """Sightings of one image exchanged: the switch that happens to fit better is not recommended."""
+    o = measured(rng, images=20, markers=8, tilt_deg=20.0, yaw_deg=180.0)
+    mine = np.flatnonzero(o.image == 3)
+    xy_K = o.xy_K.copy()
+    xy_K[mine] = np.roll(xy_K[mine], 3, axis=0)
+    for aberration in (True, False):
+        table = replace(o, xy_K=xy_K).with_geometry(corrections=Corrections(aberration=aberration))
+        assert not any("aberration" in f.sentence for f in say(table))
+
+
+@pytest.mark.parametrize(("sigmas_off", "contradicts"), [(1.0, False), (2.5, False), (8.0, True)])
+def test_a_prior_that_the_data_contradict_is_named(rng, sigmas_off, contradicts):
+    """Known to 30 arcsec by the prior and to 3 by the data, so that a correction is a draw of the former."""
+    o = measured(rng, images=8, markers=8, tilt_deg=20.0, yaw_deg=180.0)
+    stated = np.full(3, 30.0 * ARCSEC)
+    C_EK_model = so3.exp([sigmas_off * stated[0], 0.0, 0.0]) @ C_EK_TRUE
+    found = [f for f in say(replace(o, prior_E=np.diag(stated**2)), C_EK_model) if "contradict" in f.sentence]
+    assert [f.weakens for f in found] == ([True] if contradicts else [])
+    assert all("mounting.sigma_arcsec = [30, 30, 30]" in f.sentence for f in found)
 
 
 def test_without_velocities_the_aberration_is_not_judged(rng):

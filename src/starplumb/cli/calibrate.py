@@ -78,5 +78,6 @@ def calibrate(
     speak.document(result.document)
     advice = [f"next: starplumb diagnose {campaign}"] if result.implausible else []
     speak.shown(result, f"written: {out}", *advice)
+    speak.detail(*(f"notice: {sentence}" for sentence in result.calibration.notices))
     speak.detail(*(f"{name}: {digest}" for name, digest in found.loaded.inputs.items()))
     result.raise_if_unusable()

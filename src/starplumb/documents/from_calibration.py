@@ -77,6 +77,7 @@ def result_document(
         "inputs": dict(inputs),
         "software": {"starplumb": __version__, "numpy": np.__version__},
         **provenance,
+        "notices": [*provenance.get("notices", ()), *c.notices],
     }
 
 

@@ -50,6 +50,8 @@ class Calibration:
     rejected: tuple[Rejection, ...] = field(default=())
     snooping: Snooping | None = None
     combinations: tuple[Combination, ...] = field(default=())
+    notices: tuple[str, ...] = field(default=())
+    """What is worth recording but changes nothing."""
 
     @property
     def message(self) -> str:
@@ -94,7 +96,7 @@ def calibrate(campaign: Campaign, estimator: Estimator) -> Calibration:
     fit = fit_at(calibration or SelfCalibration(), observations, campaign.C_EK, estimate, used)
     usable = Status(int(estimate.status)).usable
     snooping = snoop(fit, estimate) if calibration and usable else None
-    status, sentences = _judge(_kept(observations, used), campaign.C_EK, estimate, calibration)
+    status, sentences, notices = _judge(_kept(observations, used), campaign.C_EK, estimate, calibration)
     traded = tuple(combinations(observations, estimate))
     status, sentences = _separated(status, sentences, traded)
     told = [] if estimate.parameters is None else unimproved(estimate.parameters)
@@ -111,6 +113,7 @@ def calibrate(campaign: Campaign, estimator: Estimator) -> Calibration:
         rejected=() if snooping is None else rejections(fit, snooping, verdict),
         snooping=snooping,
         combinations=traded,
+        notices=notices,
     )
 
 
@@ -132,14 +135,15 @@ def _separated(
 
 def _judge(
     kept: Observations, C_EK_model: Array, estimate: AlignmentEstimate, calibration: SelfCalibration | None
-) -> tuple[Status, tuple[str, ...]]:
-    """Status and sentences of an estimate once the consistency checks have spoken."""
+) -> tuple[Status, tuple[str, ...], tuple[str, ...]]:
+    """Status, sentences and notices of an estimate once the consistency checks have spoken."""
     own = Status(int(estimate.status))
     if not own.usable:
-        return own, (own.text,)
+        return own, (own.text,), ()
     found = findings(kept, C_EK_model, estimate, calibration or Gls())
     weak = own is Status.WEAK or any(finding.weakens for finding in found)
-    return Status.WEAK if weak else Status.OK, tuple(finding.sentence for finding in found)
+    said, recorded = (tuple(f.sentence for f in found if f.informs is informs) for informs in (False, True))
+    return Status.WEAK if weak else Status.OK, said, recorded
 
 
 def shares(calibration: Calibration) -> Mapping[str, Array]:

@@ -23,16 +23,21 @@ WEAK_SIGMA = 30.0 * ARCSEC
 """...and larger than this."""
 DECISIVE = 12.0
 """Fall of chi-square by which the opposite aberration setting explains the data better (odds of 400 to 1)."""
+ABSURD = 100.0
+"""Chi-square per degree of freedom from which fits are no reason to prefer one setting: residuals ten times what is
+stated."""
 INFORMATIVE = 4.0
 """Rise of chi-square under the opposite setting from which on the data confirm the stated one (odds of 7 to 1)."""
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One sentence about an estimate; ``weakens`` tells whether the estimate is then only weakly to be trusted."""
+    """One sentence about an estimate; ``weakens`` tells whether the estimate is then only weakly to be trusted, and
+    ``informs`` that it changes nothing: it belongs to the notices of the result, not to its message."""
 
     sentence: str
     weakens: bool
+    informs: bool = False
 
 
 def chi2_p(chi2: float, degrees_of_freedom: int) -> float:
@@ -55,6 +60,7 @@ def findings(
         _one_image(observations),
         _boresight(observations, estimate),
         _chi_square(observations, estimate),
+        _prior(observations, C_EK_model, estimate),
     ]
     found.append(_aberration(observations, C_EK_model, estimate, estimator))
     return [finding for finding in found if finding is not None]
@@ -120,6 +126,36 @@ def _chi_square(o: Observations, estimate: AlignmentEstimate) -> Finding | None:
     return None
 
 
+def _prior(o: Observations, C_EK_model: Array, estimate: AlignmentEstimate) -> Finding | None:
+    """Whether the data contradict what was known of the mounting.
+
+    The correction d of an estimate with covariance C, in which a prior P has a part, has the covariance P - C.
+    """
+    if o.prior_E is None or estimate.covariance_E is None:
+        return None
+    d_E = so3.log(estimate.C_EK @ C_EK_model.mT)
+    spread, axes = np.linalg.eigh(o.prior_E - estimate.covariance_E)
+    told = spread > 1e-6 * np.trace(o.prior_E)  # where the data say nothing the prior cannot be contradicted
+    square = float(np.sum((axes.mT @ d_E)[told] ** 2 / spread[told]))
+    p = chi2_p(square, int(np.sum(told)))
+    if p >= IMPLAUSIBLE_P:
+        return None
+    sigma = np.sqrt(np.diagonal(o.prior_E)) / ARCSEC
+    return Finding(
+        f"the data contradict mounting.sigma_arcsec = [{', '.join(f'{s:.3g}' for s in sigma)}]: the correction is "
+        f"{np.linalg.norm(d_E) / ARCSEC:.3g} arcsec (p = {p:.1e}), and the prior pulls it towards zero; state a larger "
+        "sigma or leave it out",
+        True,
+    )
+
+
+def _absurd(estimate: AlignmentEstimate) -> bool:
+    """Whether an estimate fits so badly that its chi-square is no argument."""
+    if estimate.chi2 is None or estimate.degrees_of_freedom is None:
+        return False
+    return float(estimate.chi2) > ABSURD * max(int(estimate.degrees_of_freedom), 1)
+
+
 def _aberration(
     o: Observations, C_EK_model: Array, estimate: AlignmentEstimate, estimator: Estimator
 ) -> Finding | None:
@@ -138,6 +174,8 @@ def _aberration(
     if opposite.chi2 is None or not Status(int(opposite.status)).usable:
         return None
     words = f"aberration = {'true' if stated else 'false'}", f"aberration = {'false' if stated else 'true'}"
+    if _absurd(estimate) and _absurd(opposite):
+        return None
     gain = float(estimate.chi2 - opposite.chi2)
     if gain > DECISIVE:
         return Finding(
@@ -155,6 +193,7 @@ def _aberration(
         f"the boresight is {here:.1f} arcsec, with {words[1]} {there:.1f}, and the data fit equally well; views in "
         "other directions would tell, and so does the attitude product's description",
         False,
+        informs=not suspect,
     )
 
 
