@@ -14,8 +14,8 @@ from scipy.interpolate import lagrange
 
 from starplumb.physics.earth import OMEGA_EARTH
 from starplumb.physics.errors import EpochError, InputError
-from starplumb.physics.orientation import EarthOrientation
-from starplumb.physics.timescales import format_iso, parse, utc_minus_tai
+from starplumb.physics.orientation import C_IF, EarthOrientation, FrameOfDate
+from starplumb.physics.timescales import format_iso, parse, tt_julian, utc_minus_tai
 
 MAS = erfa.DAS2R / 1000
 SECOND = 1_000_000_000
@@ -255,3 +255,60 @@ def test_far_predictions_lack_pole_offsets_and_take_zero(
     np.testing.assert_array_equal(orientation.values[blank, 3:], 0.0)
     given = np.abs(orientation.values[: blank[0], 3:]).max() / MAS
     assert 0.1 < given < 10.0
+
+
+# Inertial frames of date ------------------------------------------------------------------------------------------
+
+VALLADO = "2004-04-06T07:51:28.386009"
+"""UTC of the example in D. A. Vallado, Fundamentals of Astrodynamics and Applications, 4th ed., example 3-15, and in
+AIAA 2006-6753, appendix C; positions in km."""
+PUBLISHED = {
+    "ITRF": np.array([-1033.4793830, 7901.2952754, 6380.3565958]),
+    "TEME": np.array([5094.18016210, 6127.64465950, 6380.34453270]),
+    "TOD": np.array([5094.51620300, 6127.36527840, 6380.34453270]),
+    "MOD": np.array([5094.02837450, 6127.87081640, 6380.24851640]),
+    "GCRF": np.array([5102.508958, 6123.011401, 6378.136928]),
+}
+
+
+def test_teme_is_that_of_the_published_example(orientation: EarthOrientation) -> None:
+    """In GCRF to 2 cm; in ITRF to the 0.3 m by which the pole of the packaged table differs from the example's."""
+    t = parse([VALLADO], "UTC")
+    C_JF = orientation.C_IJ(t).mT @ C_IF("TEME", t)
+    assert 1e3 * (C_JF[0] @ PUBLISHED["TEME"]) == pytest.approx(1e3 * PUBLISHED["ITRF"], abs=0.5)
+    assert 1e3 * (C_IF("TEME", t)[0] @ PUBLISHED["TEME"]) == pytest.approx(1e3 * PUBLISHED["GCRF"], abs=0.02)
+
+
+@pytest.mark.parametrize(("frame", "metres"), [("TOD", 2.2), ("MOD", 1.1)])
+def test_frames_of_date_are_those_of_the_published_example(frame: FrameOfDate, metres: float) -> None:
+    """The example has the models IAU 1976 and 1980 without their corrections, 52 and 27 mas: 2 and 1 m."""
+    t = parse([VALLADO], "UTC")
+    assert 1e3 * np.linalg.norm(C_IF(frame, t)[0] @ PUBLISHED[frame] - PUBLISHED["GCRF"]) < metres
+
+
+def test_teme_is_turned_into_the_earth_by_the_sidereal_time_of_1982(
+    orientation: EarthOrientation, rng: np.random.Generator
+) -> None:
+    """``r_PEF = R3(GMST82) r_TEME`` with UT1 of the table and the polar motion of ERFA's own chain."""
+    for t_ns in epochs(rng, 20):
+        x, y, ut1 = orientation._values_at(np.array([t_ns]))[0, :3]
+        tt_day, tt_rest = tt_julian(np.array([t_ns]))
+        ut1_rest = tt_rest + (ut1 - erfa.TTMTAI) / erfa.DAYSEC
+        turned = rotation(2, float(erfa.gmst82(tt_day, ut1_rest)[0]))
+        polar = erfa.pom00(x, y, erfa.sp00(tt_day, tt_rest))[0]
+        C_JF = (orientation.C_IJ(np.array([t_ns])).mT @ C_IF("TEME", np.array([t_ns])))[0]
+        assert angle_mas(C_JF, polar @ turned) < 1.0  # the pole's offsets dX, dY are not part of TEME
+
+
+def test_frames_of_date_differ_by_precession_and_nutation(rng: np.random.Generator) -> None:
+    """Matrices of the older models, IAU 1976 and 1980: the same to a tenth of an arcsecond."""
+    t = epochs(rng, 50)
+    day, rest = tt_julian(t)
+    bias = erfa.bp06(day, rest)[0]
+    precession = erfa.pmat76(day, rest)
+    assert np.all(angle_mas(C_IF("MOD", t).mT, precession @ bias) < 100)
+    nutation = erfa.nutm80(day, rest)
+    assert np.all(angle_mas(C_IF("TOD", t).mT, nutation @ precession @ bias) < 200)
+    equinox = erfa.eqeq94(day, rest)
+    teme = np.stack([rotation(2, float(angle)) for angle in equinox]) @ C_IF("TOD", t).mT
+    assert np.all(angle_mas(C_IF("TEME", t).mT, teme) < 200)

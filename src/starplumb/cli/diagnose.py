@@ -18,9 +18,10 @@ def diagnose(
 ) -> None:
     """Try the usual mistakes and say which one would explain the residuals.
 
-    Quaternion order and direction, frames, time scales, swapped or mirrored pixels, pixel origin, light effects, axes
-    a quarter turn off: each is undone in turn, alone and, where one does not suffice, in pairs, and the campaign
-    calibrated again with all its shared errors. Nothing is written or changed.
+    Quaternion order and direction, frames, time scales, pixels swapped, mirrored or binned, coordinates exchanged,
+    heights above the geoid, units, clocks, optics, one wrong image, attitude sample or landmark: each is undone in
+    turn, alone and, where one does not suffice, in pairs or with sightings left out, and the campaign calibrated again
+    with all its shared errors. Nothing is written or changed.
 
     Examples:
 

@@ -10,11 +10,12 @@ from .document import Document, Number, Part
 
 
 class Undone(Part):
-    """A mistake that was undone."""
+    """A mistake that was undone; ``evidence`` is what the files themselves show of it, empty for nothing."""
 
     key: str
     what: str
     remedy: str
+    evidence: str
 
 
 class TrialPart(Part):
@@ -31,7 +32,7 @@ class TrialPart(Part):
 
 
 class DiagnosisDocument(Document):
-    """The diagnosis; trials are the best first."""
+    """The diagnosis; trials are the best first, ``shown`` are further mistakes that the files themselves show."""
 
     schema_: Literal["starplumb-diagnosis/1"] = Field(alias="schema")
     verdict: Literal["named", "partly", "unexplained", "none"]
@@ -39,4 +40,5 @@ class DiagnosisDocument(Document):
     stated: TrialPart
     best: TrialPart | None
     rivals: list[TrialPart]
+    shown: list[Undone]
     trials: list[TrialPart]

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal, get_args
 
 import erfa
 import numpy as np
@@ -22,6 +23,10 @@ from .units import ARCSEC
 Float = npt.NDArray[np.float64]
 Int64 = npt.NDArray[np.int64]
 Bool = npt.NDArray[np.bool_]
+
+FrameOfDate = Literal["TOD", "MOD", "TEME"]
+"""Inertial frames of the date: true equator and equinox, mean equator and equinox, true equator and mean equinox."""
+FRAMES_OF_DATE: tuple[FrameOfDate, ...] = get_args(FrameOfDate)
 
 _TABLE_NODES = 4  # a cubic through four days keeps UT1 to a few microseconds
 _CIP_NODES = 6  # a quintic through six half days keeps the CIP to 0.0005 mas
@@ -113,6 +118,22 @@ class EarthOrientation:
         first: Int64 = np.clip(row - (_TABLE_NODES // 2 - 1), 0, len(self.t_ns) - _TABLE_NODES)
         position = (row - first).astype(np.float64) + fraction
         return _lagrange(self.values, first, position, _TABLE_NODES)
+
+
+def C_IF(frame: FrameOfDate, t_ns: npt.ArrayLike) -> Float:
+    """(..., 3, 3): takes coordinates of a frame of date to GCRF at ``t_ns`` (...,).
+
+    ``MOD``: bias and precession, IAU 2006.  ``TOD``: nutation IAU 2000A as well.  ``TEME``, the frame of SGP4:
+    ``r_PEF = R3(GMST82) r_TEME = R3(GAST) r_TOD``, hence ``C_TOD,TEME = R3(GMST82 - GAST)``, with GMST by the formula
+    of IAU 1982 and GAST by IAU 2006/2000A.  UT1 drops out of the difference but for 1e-4 arcsec, so that TT stands in.
+    Source: D. A. Vallado et al., Revisiting Spacetrack Report #3, AIAA 2006-6753, appendix C.
+    """
+    day, rest = tt_julian(t_ns)
+    C_FI: Float = erfa.pmat06(day, rest) if frame == "MOD" else erfa.pnm06a(day, rest)
+    if frame == "TEME":
+        turn = erfa.gst06a(day, rest, day, rest) - erfa.gmst82(day, rest)
+        C_FI = erfa.rz(turn, C_FI)
+    return C_FI.mT
 
 
 def _lagrange(table: Float, first: Int64, position: Float, nodes: int) -> Float:

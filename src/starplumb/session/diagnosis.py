@@ -5,15 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 from ..documents.document import numbers
 from ..io.campaign.attitude_config import CAMERA
-from ..io.campaign.read import LoadedCampaign
-from ..judge.conventions import Written
+from ..io.tables.read import read_table
+from ..judge.conventions.mistake import Mistake, Written
 from ..judge.diagnose import Diagnosis as Findings
-from ..judge.diagnose import Trial
 from ..judge.diagnose import diagnose as run
+from ..judge.diagnosis_text import sentences
+from ..judge.trials import Trial
 from ..physics.units import DEG
 from ..report.page import Table
 from .campaign import Campaign
@@ -48,6 +50,7 @@ class Diagnosis(Shown):
             "stated": _trial(found.stated),
             "best": None if found.best is None else _trial(found.best),
             "rivals": [_trial(trial) for trial in found.rivals],
+            "shown": [_mistake(mistake) for mistake in found.shown],
             "trials": [_trial(trial) for trial in found.trials],
         }
 
@@ -69,35 +72,45 @@ class Diagnosis(Shown):
 
     @property
     def sentences(self) -> Sequence[str]:
-        """The verdict with its figures, what to do, and what explains it as well."""
-        found = self.findings
-        return _without_culprit(found) if found.best is None else _named(found, found.best)
+        """The verdict with its figures, what to do, what explains it as well, and what the files show besides."""
+        return sentences(self.findings)
 
 
 def diagnose(campaign: Campaign) -> Diagnosis:
     """Undo the usual mistakes one by one, and in pairs, and say which would explain the residuals.
 
-    Quaternion order and direction, frames, time scales, swapped or mirrored pixels, pixel origin, light effects, axes a
-    quarter turn off.  Nothing is changed.  Raises InputError where there is nothing to use.
+    Mistakes in rotations, frames, times, pixels, cameras and landmarks, and single culprits.  Nothing is changed.
+    Raises InputError where there is nothing to use.
     """
     campaign.require_observations()
-    return Diagnosis(campaign, run(campaign.loaded.campaign, _written(campaign.loaded)))
+    return Diagnosis(campaign, run(campaign.loaded.campaign, _written(campaign)))
 
 
-def _written(loaded: LoadedCampaign) -> Written:
+def _written(campaign: Campaign) -> Written:
     """How the campaign's files say what they hold."""
-    config = loaded.config
+    config, source = campaign.loaded.config, Path(campaign.source)
     attitude = next(iter(config.attitudes.values()))
     return Written(
         time_scale=config.campaign.time_scale,
         attitude_to_tracker=attitude.target == attitude.tracker,
         mounting_from_camera=config.mounting.source == CAMERA,
+        image_time_decimals=_decimals(source.parent / config.images.file) if source.is_file() else None,
     )
+
+
+def _decimals(images: Path) -> int:
+    """The largest number of decimals of a second in the column `time` of a table of images."""
+    texts = read_table(images, texts=("time",)).texts["time"]
+    return max((len(text.rstrip("Zz").partition(".")[2]) for text in texts), default=0)
+
+
+def _mistake(mistake: Mistake) -> dict[str, str]:
+    return {"key": mistake.key, "what": mistake.what, "remedy": mistake.remedy, "evidence": mistake.evidence}
 
 
 def _trial(trial: Trial) -> dict[str, Any]:
     return {
-        "undone": [{"key": m.key, "what": m.what, "remedy": m.remedy} for m in trial.undone],
+        "undone": [_mistake(mistake) for mistake in trial.undone],
         "score": numbers(trial.score),
         "chi2": numbers(trial.chi2),
         "degrees_of_freedom": trial.degrees_of_freedom,
@@ -112,37 +125,3 @@ def _cells(trial: Trial) -> tuple[str, str, str]:
     if not trial.solved:
         return "no solution", "", ""
     return f"{trial.chi2:.4g}", f"{trial.rms_px:.3g}", f"{trial.correction / DEG:.3g}"
-
-
-def _without_culprit(found: Findings) -> tuple[str, ...]:
-    stated = _figures(found.stated)
-    if found.verdict == "none":
-        return (f"No usual mistake is indicated: as it stands the campaign has {stated}.",)
-    return (
-        f"The residuals are implausible ({stated}), and none of the usual mistakes explains them: look for "
-        "blunders, sigmas that are too small, or several mistakes at once.",
-    )
-
-
-def _named(found: Findings, best: Trial) -> tuple[str, ...]:
-    what = " and ".join(m.what for m in best.undone)
-    much = "the residuals" if found.verdict == "named" else "much of the residuals, but not all"
-    lines = [
-        f"It looks as if {what}: this explains {much}.",
-        f"Once undone: {_figures(best)}.",
-        f"As it stands: {_figures(found.stated)}.",
-        "Remedy: " + "; ".join(m.remedy for m in best.undone) + ".",
-    ]
-    if found.rivals:
-        others = "; ".join(" and ".join(m.what for m in trial.undone) for trial in found.rivals[:4])
-        lines.append(f"These data cannot tell it from: {others}.")
-    return tuple(lines)
-
-
-def _figures(trial: Trial) -> str:
-    if not trial.solved:
-        return f"no solution ({trial.obstacle})"
-    return (
-        f"chi-square {trial.chi2:.4g} for {trial.degrees_of_freedom} degrees of freedom, {trial.rms_px:.3g} px rms, "
-        f"a correction of {trial.correction / DEG:.3g} deg"
-    )

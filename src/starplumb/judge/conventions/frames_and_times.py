@@ -1,60 +1,39 @@
-"""The usual mistakes in a campaign, each as the change that would undo it.
+"""The usual mistakes in reading rotations, frames and times, each as the change that would undo it.
 
 Every one is a function from a campaign to the campaign as it would be had the mistake not been made: a quaternion read
-in the other order or direction, a table in another frame or time scale, pixels counted otherwise, a switch, an axis.
+in the other order or direction, a table in another frame or time scale, a switch, an axis.  Those of the image and the
+ground stand in :mod:`starplumb.judge.conventions.image_and_ground`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..physics import so3
-from ..physics.errors import InputError
-from ..physics.light import inertial_velocity
-from ..physics.orientation import EarthOrientation
-from ..physics.series import Attitude, Ephemeris, Orientation
-from ..physics.timescales import SCALES, format_iso, parse
-from ..table.campaign import Campaign
+from ...physics import so3
+from ...physics.light import inertial_velocity
+from ...physics.orientation import C_IF, FRAMES_OF_DATE, EarthOrientation, FrameOfDate
+from ...physics.series import Attitude, Ephemeris, Orientation
+from ...physics.timescales import SCALES, format_iso, parse
+from ...table.campaign import Campaign
+from .mistake import Mistake, Written
 
 Array = NDArray[np.float64]
 
 _CONJUGATE = np.array([-1.0, -1.0, -1.0, 1.0])
 
 
-@dataclass(frozen=True)
-class Written:
-    """How the campaign's files say what they hold; needed to undo a misreading in the file's own terms."""
-
-    time_scale: str = "UTC"
-    attitude_to_tracker: bool = True
-    mounting_from_camera: bool = True
-
-
-@dataclass(frozen=True)
-class Mistake:
-    """A possible mistake: ``key`` for programs, what would be wrong, what to change, and the change itself.
-
-    ``undo`` raises InputError where the campaign leaves no room for it.
-    """
-
-    key: str
-    what: str
-    remedy: str
-    undo: Callable[[Campaign], Campaign]
-
-
-def usual_mistakes(campaign: Campaign, written: Written) -> list[Mistake]:
-    """All mistakes worth trying on a campaign, the simplest first."""
+def misread_frames_and_times(campaign: Campaign, written: Written) -> list[Mistake]:
+    """The mistakes of this module worth trying on a campaign, the simplest first."""
     return [
         *_switches(campaign),
-        *_pixels(),
         *_attitude(campaign, written),
         *_ephemeris(campaign),
+        *_frames_of_date(campaign),
         *_times(campaign, written),
         *_mounting(written),
         *_axes(),
@@ -75,53 +54,6 @@ def _switches(campaign: Campaign) -> Iterator[Mistake]:
             f"the switch {name} is set wrongly",
             f"set corrections.{name} = {right}",
             undo,
-        )
-
-
-def _pixels() -> Iterator[Mistake]:
-    """Columns and rows swapped, counted from the other side or from another origin."""
-
-    def swapped(c: Campaign) -> Campaign:
-        s = c.sightings
-        return replace(c, sightings=replace(s, column_px=s.row_px, row_px=s.column_px))
-
-    yield Mistake(
-        "pixels.swapped",
-        "columns and rows of the observations are swapped",
-        "exchange column_px and row_px",
-        swapped,
-    )
-    for axis, side, field in ((0, "right", "column_px"), (1, "bottom", "row_px")):
-
-        def mirrored(c: Campaign, axis: int = axis, field: str = field) -> Campaign:
-            count = c.camera.size_px[axis]
-            if not np.isfinite(count):
-                raise InputError("the image has no stated end to count from")
-            pixel = count - 1.0 - getattr(c.sightings, field)
-            return replace(c, sightings=replace(c.sightings, **{field: pixel}))
-
-        yield Mistake(
-            f"pixels.{field}_from_{side}",
-            f"{field} is counted from the {side} of the image",
-            f"count {field} from the other side",
-            mirrored,
-        )
-    origins = (
-        (0.5, "0.5 px too small"),
-        (-0.5, "0.5 px too large (a corner as origin)"),
-        (-1.0, "1 px too large"),
-    )
-    for shift, words in origins:
-
-        def shifted(c: Campaign, shift: float = shift) -> Campaign:
-            s = c.sightings
-            return replace(c, sightings=replace(s, column_px=s.column_px + shift, row_px=s.row_px + shift))
-
-        yield Mistake(
-            f"pixels.origin{shift:+g}",
-            f"the observations' pixels are {words} against the camera's principal point",
-            "check camera.pixel_origin, and whether pixels are counted from 0 or from 1",
-            shifted,
         )
 
 
@@ -218,6 +150,56 @@ def _ephemeris(campaign: Campaign) -> Iterator[Mistake]:
     )
 
 
+def _frames_of_date(campaign: Campaign) -> Iterator[Mistake]:
+    """An inertial frame of date taken as GCRF: of the attitude, of the positions, of both."""
+    inertial = {
+        "attitude": campaign.attitudes[0].frame == "GCRF",
+        "ephemeris": campaign.position_frame == "GCRF",
+    }
+    tables = [name for name, there in inertial.items() if there]
+    choices = [(name,) for name in tables] + ([tuple(tables)] if len(tables) > 1 else [])
+    for chosen, frame in product(choices, FRAMES_OF_DATE):
+
+        def undo(c: Campaign, chosen: tuple[str, ...] = chosen, frame: FrameOfDate = frame) -> Campaign:
+            if "attitude" in chosen:
+                c = c.with_attitude(lambda a: _attitude_of_date(a, frame))
+            return _ephemeris_of_date(c, frame) if "ephemeris" in chosen else c
+
+        words = " and ".join(
+            {"attitude": "the attitude", "ephemeris": "the positions"}[name] for name in chosen
+        )
+        keys = " and ".join(f"{name}.{'frame' if name == 'ephemeris' else 'from'}" for name in chosen)
+        yield Mistake(
+            f"frames.{'+'.join(chosen)}.{frame}",
+            f"{words} refer to {_FRAME_NAMES[frame]}, not to GCRF",
+            f"turn {words} from {frame} to GCRF before they are read ({keys} names GCRF)",
+            undo,
+        )
+
+
+_FRAME_NAMES = {
+    "TOD": "the true equator and equinox of date (TOD)",
+    "MOD": "the mean equator and equinox of date (MOD)",
+    "TEME": "TEME, the frame of SGP4 and two-line elements",
+}
+
+
+def _attitude_of_date(a: Attitude, frame: FrameOfDate) -> Attitude:
+    """An attitude stated from GCRF that is from a frame of date: ``C_EI = C_EF C_FI``."""
+    C_EI = so3.from_quaternion(a.q_EF) @ C_IF(frame, a.t_ns).mT
+    return replace(a, q_EF=so3.to_quaternion(C_EI))
+
+
+def _ephemeris_of_date(c: Campaign, frame: FrameOfDate) -> Campaign:
+    """The campaign whose inertial states are those of a frame of date: ``r_I = C_IF r_F``."""
+    orientation = _orientation(c)
+    r_F, v_F = _inertial(c.ephemeris, orientation)
+    turn = C_IF(frame, c.ephemeris.t_ns)
+    r_I = np.einsum("nij,nj->ni", turn, r_F)
+    v_I = None if v_F is None else np.einsum("nij,nj->ni", turn, v_F)
+    return replace(c, ephemeris=_earth_fixed(c.ephemeris, r_I, v_I, orientation))
+
+
 def _retimed(c: Campaign, tables: tuple[str, ...], shift_ns: int) -> Campaign:
     """The campaign with the epochs of some tables moved; inertial positions are turned at their new epochs."""
     if "images" in tables:
@@ -240,8 +222,8 @@ _TABLES = {
 }
 
 
-_PRESENT_S = (18, 37)
-"""GPS and TAI less UTC since 2017: a table of any year may be off by what was written into a program as a constant."""
+_PRESENT_S = (18, 37, 1)
+"""GPS and TAI less UTC since 2017, which a program may hold as a constant whatever the year; and one leap second."""
 
 
 def _shifts(campaign: Campaign, stated: str) -> dict[int, str]:
