@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from starplumb.cli.app import app
-from starplumb.physics.errors import InputError
+from starplumb.estimators import METHODS
+from starplumb.estimators.protocol import Status
+from starplumb.estimators.wahba import Wahba
+from starplumb.physics.errors import AlignmentFailed, InputError
 
 SIMULATE = ["simulate", "two-images", "--seed", "3", "--workers", "1", "--methods", "gls"]
 
@@ -55,6 +60,7 @@ def test_precision_chooses_the_trials():
         (["--trials", "10", "--methods", "glss"], "did you mean gls"),
         (["--trials", "10", "--methods", ","], "methods: found none"),
         (["--trials", "10", "--samples", "csv", "--out", "x"], "--samples: found 'csv'"),
+        (["--trials", "10", "--samples", "netcdf", "--out", "x"], "no longer written, wanted parquet"),
         (["--trials", "10", "--seed", str(2**64)], "seed: found"),
     ],
 )
@@ -78,3 +84,23 @@ def test_budget_prints_contributions_and_writes_its_document(tmp_path):
     document = json.loads((tmp_path / "budget.json").read_text(encoding="utf-8"))
     assert document["schema"] == "starplumb-budget/1"
     assert document == json.loads(call("budget", "two-images", "--target", "2.4", "--json"))
+
+
+def test_a_method_that_fails_in_every_run_ends_with_its_own_exit_code(monkeypatch, tmp_path):
+    """Everything is written and printed first; a method that works beside it does not hide it."""
+    monkeypatch.setitem(METHODS, "hopeless", lambda: Hopeless())
+    arguments = ["simulate", "two-images", "--trials", "20", "--workers", "1", "--samples", "none"]
+    with pytest.raises(AlignmentFailed, match="hopeless failed in all 20 runs"):
+        call(*arguments, "--methods", "wahba,hopeless", "--out", str(tmp_path))
+    document = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))
+    assert document["methods"]["hopeless"]["failed"] == 20
+    assert document["methods"]["hopeless"]["verdict"][0].startswith("all of 20 runs failed")
+    assert document["methods"]["wahba"]["failed"] == 0
+
+
+class Hopeless(Wahba):
+    """Never converges."""
+
+    def __call__(self, observations, C_EK):
+        found = super().__call__(observations, C_EK)
+        return replace(found, status=np.full_like(found.status, Status.NOT_CONVERGED))

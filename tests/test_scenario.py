@@ -153,6 +153,112 @@ def test_a_mistake_is_one_sentence_with_file_and_key(write, changes, more, said)
     assert "\n" not in str(caught.value)
 
 
+TIMED = (
+    ("[[passes]]\npitch_deg = [10.0, 0.0, -10.0]\nyaw_deg = [0.0, 90.0, 0.0]\n", ""),
+    (
+        "[[passes]]\ntime_s = 86400.0\nroll_deg = 8.0\npitch_deg = [5.0, -5.0]\n",
+        "[images]\ntimes_s = [0.0, 20.0]\n",
+    ),
+)
+"""Images at times of their own in place of the passes."""
+LIST = (('layout = "grid"\ncount = [3, 2]\nextent_km = [12.0, 10.0]', 'layout = "list"\neast_north_km = 3'),)
+FROM_FILE = (
+    (
+        'model = "circular"\naltitude_km = 500.0\ninclination_deg = 97.4',
+        'model = "file"\nfile = "a"\nframe = "ITRF"',
+    ),
+)
+
+
+@pytest.mark.parametrize(
+    ("changes", "more", "said"),
+    [
+        # lists and their lengths
+        ((("pitch_deg = [5.0, -5.0]", "pitch_deg = []"),), "", "passes.1.pitch_deg: found"),
+        (LIST, "", "markers.east_north_km: found 3, wanted rows of two numbers, km"),
+        ((("count = [3, 2]", "count = [3, 2, 1]"),), "", "markers.count: found"),
+        ((("count = [3, 2]", "count = [3, true]"),), "", "markers.count: found"),
+        ((), "[truth.a]\nerror = 'drift'\nsigma_arcsec = 1\nharmonics = [0]\n", "truth.a.harmonics: found"),
+        ((), "[truth.a]\nerror = 'drift'\nsigma_arcsec = 1\nharmonics = [21]\n", "truth.a.harmonics: found"),
+        # keys that do not belong together
+        (
+            (("altitude_km = 500.0", "altitude_km = 500.0\nperigee_deg = 3.0"),),
+            "",
+            "orbit.perigee_deg: found 3.0",
+        ),
+        ((("inclination_deg = 97.4\n", ""),), "", "orbit.inclination_deg: missing"),
+        (
+            (("altitude_km = 500.0", "altitude_km = 500.0\nnode_deg = 3.0"),),
+            "",
+            "orbit.node_deg: found beside",
+        ),
+        (TIMED, "", "orbit.node_deg: missing"),
+        (FROM_FILE, "", "passes.1.roll_deg: found for an orbit from a file"),
+        ((), "[images]\nroll_deg = 1.0\n", "images.roll_deg: found it without times_s"),
+        (TIMED[:1], "[images]\ntimes_s = [0.0]\n", "passes: found both"),
+        ((TIMED[0], (TIMED[1][0], "")), "", "passes: found neither"),
+        ((("[site]\nlatitude_deg = 43.5\nlongitude_deg = 4.9\n", ""),), "", "site: missing"),
+        ((('layout = "grid"', 'layout = "list"\non = "image"'),), "", 'markers.on: found "image"'),
+        (
+            (("extent_km = [12.0, 10.0]", "extent = 0.5"),),
+            "",
+            "markers.extent_km: missing",
+        ),
+        # errors and what is stated of them
+        ((), "[[trackers]]\nname = 'gps'\nsigma_arcsec = 1\n", 'truth: found the name "gps" twice'),
+        ((), "[stated]\nfactor = { gpss = 2.0 }\n", 'stated.factor: found "gpss"'),
+        ((), "[stated]\nomit = ['pixel']\n", "truth: found no stated error"),
+        (
+            (),
+            "[truth.a]\nerror = 'position'\nsigma_m = 1\nshared_by = 'pass'\ncorrelation_time_s = 9.0\n",
+            "truth.a.correlation_time_s: found it for an error that images share",
+        ),
+        (
+            (),
+            "[truth.a]\nerror = 'landmark'\nsigma_m = 1\ndegrees_of_freedom = 6\n",
+            "truth.a.degrees_of_freedom: found it for another distribution",
+        ),
+        (
+            (),
+            "[[trackers]]\nname = 'T'\nsigma_arcsec = 1\nboresight = [0, 0, 1]\nrotation_vector_deg = [0, 0, 1]\n",
+            "trackers.0.boresight: found beside rotation_vector_deg",
+        ),
+    ],
+)
+def test_every_rule_of_the_configuration_refuses_in_its_own_words(changes, more, said):
+    text = SMALL
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new)
+    with pytest.raises(InputError) as caught:
+        load_scenario(tomllib.loads(text + more))
+    assert f": {said}" in str(caught.value)
+
+
+def test_times_and_turns_of_images_in_place_of_passes():
+    """By hand: 7.613 km/s at 97.4 deg and a ground that turns by 0.502 km/s at that height; the second image rolled."""
+    text = SMALL.replace(
+        "inclination_deg = 97.4", "inclination_deg = 97.4\nnode_deg = 0\nmean_anomaly_deg = 0"
+    )
+    for old, new in TIMED:
+        text = text.replace(old, new)
+    document = tomllib.loads(text)
+    document["images"] |= {"roll_deg": [0.0, 10.0]}
+    document["markers"] = {"layout": "ring", "on": "image", "count": 3, "extent": 0.5}
+    o = load_scenario(document).truth
+    assert np.bincount(o.image).tolist() == [3, 3]
+    flown = np.linalg.norm(o.r_J[3] - o.r_J[0])
+    speed = np.hypot(7613.0 * np.sin(97.4 * DEG), 7613.0 * np.cos(97.4 * DEG) - 502.0)
+    assert flown == pytest.approx(20.0 * speed, rel=2e-3)
+    assert np.linalg.norm(o.p_J[:3].mean(0) - o.p_J[3:].mean(0)) > 0.5 * flown
+    off_nadir = np.arccos(
+        -np.vecdot((o.p_J - o.r_J) / o.range_m[:, None], o.r_J) / np.linalg.norm(o.r_J, axis=-1)
+    )
+    np.testing.assert_allclose(
+        [off_nadir[:3].mean() / DEG, off_nadir[3:].mean() / DEG], [0.0, 10.0], atol=1.0
+    )
+
+
 def test_an_unknown_name_is_told_the_shipped_ones():
     with pytest.raises(InputError, match=r"did you mean vhr-0\.3m"):
         find_scenario("vhr-03m")

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -50,7 +50,7 @@ def simulate(
         int, typer.Option("--chunk", min=1, help="Trials of a chunk; the draws depend on it.")
     ] = 4096,
     samples: Annotated[
-        str, typer.Option("--samples", help="Every trial as a table: auto, parquet, netcdf or none.")
+        str, typer.Option("--samples", help="Every trial as a table: auto, parquet or none.")
     ] = "auto",
     json: Json = False,
     quiet: Quiet = False,
@@ -92,6 +92,19 @@ def simulate(
     )
     speak.document(study.document)
     speak.shown(study.summary(), *([] if out is None else [f"written: {out}"]))
+    _refuse_failures(study.document)
+
+
+def _refuse_failures(document: dict[str, Any]) -> None:
+    """Raise AlignmentFailed where a method failed in every run: its figures say nothing about its accuracy."""
+    from ..physics.errors import AlignmentFailed
+
+    failed = [name for name, method in document["methods"].items() if method["failed"] == document["trials"]]
+    if failed:
+        raise AlignmentFailed(
+            f"{document['scenario']}: {', '.join(failed)} failed in all {document['trials']} runs, so the "
+            "figures say nothing about its accuracy; wanted another method, or another scenario"
+        )
 
 
 @contextmanager

@@ -21,7 +21,7 @@ from ..plan.scenario import Scenario
 from ..table.error_sources import draw
 from ..table.observations import Observations
 from ..table.simulate import measure
-from .statistics import Moments, Sketch
+from .statistics import Moments
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -29,6 +29,8 @@ Arrays = dict[str, NDArray[Any]]
 
 CHUNK = 4096
 """Trials of a chunk: large enough for array arithmetic, small enough for the cache and for many workers."""
+FORMAT = 2
+"""Of the arrays of a chunk: those of another format are refused."""
 SIGHTINGS_AT_ONCE = 32768
 """Trials of a chunk are run in batches of about this many sightings, so that memory does not grow with the scene."""
 
@@ -72,21 +74,17 @@ class Tally:
     """Statistics of one estimator over any number of trials; chunks are merged in their order.
 
     ``status`` (4,) trials by :class:`Status`; ``unusable`` () those without a finite estimate, which no figure can
-    hold; ``theta``, ``sigma``, ``ratio`` (error over stated sigma) about the axes of E; ``ground`` m, the horizontal
+    hold; ``theta``, ``sigma``, ``ratio`` (error over stated sigma) about the axes of E; ``ground_m``, the horizontal
     displacement of the centres of the images.
     """
 
     status: Index
     unusable: Index
     theta: Moments
-    x: Sketch
-    y: Sketch
-    z: Sketch
     sigma: Moments
     ratio: Moments
     nees: Moments
     fit: Moments
-    ground: Sketch
     ground_m: Moments
 
     @classmethod
@@ -96,20 +94,15 @@ class Tally:
         stated = finite & np.isfinite(samples.nees)
         ratio = samples.theta_E[stated] / samples.sigma_E[stated]
         fit = samples.fit[finite & np.isfinite(samples.fit)]
-        distance = np.linalg.norm(ground_m @ theta[:, None, :, None], axis=(-2, -1)).reshape(-1)
         return cls(
             np.bincount(samples.status, minlength=len(Status)).astype(np.int64),
             np.array(np.sum(~finite)),
             Moments.of(theta),
-            Sketch.of(theta[:, 0]),
-            Sketch.of(theta[:, 1]),
-            Sketch.of(theta[:, 2]),
             Moments.of(samples.sigma_E[stated]),
             Moments.of(ratio),
             Moments.of(samples.nees[stated, None]),
             Moments.of(fit[:, None]),
-            Sketch.of(distance),
-            Moments.of(distance[:, None]),
+            Moments.of(on_ground(theta, ground_m)[:, None]),
         )
 
     def merge(self, other: Tally) -> Tally:
@@ -132,16 +125,19 @@ class Tally:
 
     @classmethod
     def from_arrays(cls, named: Mapping[str, NDArray[Any]], prefix: str) -> Tally:
-        kinds = {"status": None, "unusable": None} | dict.fromkeys(("x", "y", "z", "ground"), Sketch)
         parts: dict[str, Any] = {}
         for entry in fields(cls):
-            kind = kinds.get(entry.name, Moments)
             name = f"{prefix}{entry.name}"
-            if kind is None:
+            if entry.name in ("status", "unusable"):
                 parts[entry.name] = named[name]
             else:
-                parts[entry.name] = kind(**{f.name: named[f"{name}.{f.name}"] for f in fields(kind)})
+                parts[entry.name] = Moments(**{f.name: named[f"{name}.{f.name}"] for f in fields(Moments)})
         return cls(**parts)
+
+
+def on_ground(theta_E: Array, ground_m: Array) -> Array:
+    """Horizontal displacements (n m,), m, of the centres of m images by errors (n, 3) rad; ``ground_m`` (m, 2, 3)."""
+    return np.asarray(np.linalg.norm(ground_m @ theta_E[:, None, :, None], axis=(-2, -1)).reshape(-1))
 
 
 @dataclass(frozen=True)
@@ -173,6 +169,7 @@ class Study:
             "seed": self.seed,
             "chunk": self.chunk,
             "samples": self.keep_samples,
+            "format": FORMAT,
         }
 
     def generator(self, c: int) -> np.random.Generator:
@@ -202,10 +199,11 @@ class Study:
         return {name: Samples.joined(parts) for name, parts in made.items()}
 
     def run(self, c: int) -> Arrays:
-        """Chunk c as arrays: ``METHOD/tally/...`` and, if kept, ``METHOD/samples/...``."""
+        """Chunk c as arrays: ``METHOD/tally/...``, ``METHOD/theta_E`` and, if kept, ``METHOD/samples/...``."""
         arrays: Arrays = {"trials": np.array(self.count(c))}
         for name, samples in self.samples(c).items():
             arrays |= Tally.of(samples, self.scenario.ground_m).arrays(f"{name}/tally/")
+            arrays[f"{name}/theta_E"] = samples.theta_E
             if self.keep_samples:
                 arrays |= {f"{name}/samples/{f.name}": getattr(samples, f.name) for f in fields(samples)}
         return arrays

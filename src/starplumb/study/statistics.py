@@ -1,4 +1,4 @@
-"""Statistics that merge: moments and quantiles of any number of runs in constant memory, each with its own uncertainty.
+"""Statistics of any number of runs, each with its own uncertainty: moments, which merge, and quantiles.
 
 Parts are merged in a fixed order by whoever holds them, so a result depends on the draws alone.
 """
@@ -6,7 +6,6 @@ Parts are merged in a fixed order by whoever holds them, so a result depends on 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import log, log1p
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,13 +15,6 @@ Index = NDArray[np.int64]
 
 Z95 = 1.959963984540054
 """Two-sided 95 % point of the standard normal."""
-
-RELATIVE_ACCURACY = 5e-4
-"""Half width of a quantile's bucket relative to its value, far below the sampling error of any run made here."""
-_LOG_RATIO = log1p(2.0 * RELATIVE_ACCURACY)
-_SMALLEST = 1e-18
-"""Magnitudes below this are counted as zero."""
-_OFFSET = round(log(_SMALLEST) / _LOG_RATIO) - 1
 
 
 @dataclass(frozen=True)
@@ -122,67 +114,20 @@ class Moments:
         return np.divide(0.5 * spread, self.rms, out=np.zeros_like(spread), where=self.rms > 0.0)
 
 
-@dataclass(frozen=True)
-class Sketch:
-    """Distribution of one quantity in buckets whose width is a fixed fraction of their value.
+def quantile(values: Array, q: float) -> tuple[float, float, float]:
+    """Quantile q of draws (n,) with the ends of its 95 % confidence interval, which assumes no distribution.
 
-    ``key`` (k,) ascending and ``count`` (k,): bucket ``j > 0`` holds ``ratio^(j-1) < x/smallest <= ratio^j``,
-    bucket ``-j`` the same of ``-x``, bucket 0 what is smaller.  Counts are whole, so merging is exact in any order.
-    Source: C. Masson, J. E. Rim, H. K. Lee, DDSketch, Proc. VLDB Endowment 12 (2019).
+    The number of draws below the true quantile is binomial, so the interval's ends are the draws of rank
+    ``n q -+ 1.96 sqrt(n q (1 - q))``; NaN where there is no draw.
     """
-
-    key: Index
-    count: Index
-
-    @classmethod
-    def of(cls, values: Array) -> Sketch:
-        """Of draws (n,)."""
-        magnitude = np.abs(values)
-        small = magnitude < _SMALLEST
-        bucket = np.ceil(np.log(np.where(small, 1.0, magnitude)) / _LOG_RATIO).astype(np.int64) - _OFFSET
-        keys = np.where(small, 0, np.where(values < 0.0, -bucket, bucket))
-        if keys.size == 0:
-            return cls(keys, keys)
-        # counting beats sorting: there are no more than 10^5 buckets between any two numbers that occur
-        low = int(keys.min())
-        counts = np.bincount(keys - low)
-        key = np.flatnonzero(counts)
-        return cls(key + low, counts[key].astype(np.int64))
-
-    def merge(self, other: Sketch) -> Sketch:
-        key, back = np.unique(np.concatenate([self.key, other.key]), return_inverse=True)
-        count = np.zeros(key.size, dtype=np.int64)
-        np.add.at(count, back, np.concatenate([self.count, other.count]))
-        return Sketch(key, count)
-
-    @property
-    def n(self) -> int:
-        return int(np.sum(self.count))
-
-    @property
-    def values(self) -> Array:
-        """Middle of each bucket (k,)."""
-        middle = np.exp(_LOG_RATIO * (np.abs(self.key) + _OFFSET - 0.5))
-        return np.sign(self.key) * middle
-
-    def ranked(self, rank: Array) -> Array:
-        """Values of the draws of these ranks, counted from 0."""
-        place = np.searchsorted(np.cumsum(self.count), np.clip(rank, 0, self.n - 1), side="right")
-        return np.asarray(self.values[place])
-
-    def quantile(self, q: float) -> tuple[float, float, float]:
-        """Quantile q with the ends of its 95 % confidence interval, which assumes no distribution.
-
-        The number of draws below the true quantile is binomial, so the interval's ends are the draws of rank
-        ``n q -+ 1.96 sqrt(n q (1 - q))``; NaN where there is no draw.
-        """
-        n = self.n
-        if n == 0:
-            return (float("nan"),) * 3
-        spread = Z95 * np.sqrt(n * q * (1.0 - q))
-        rank = np.array([np.ceil(n * q) - 1.0, np.floor(n * q - spread), np.ceil(n * q + spread)])
-        value, low, high = self.ranked(rank)
-        return float(value), float(low), float(high)
+    n = values.size
+    if n == 0:
+        return (float("nan"),) * 3
+    spread = Z95 * np.sqrt(n * q * (1.0 - q))
+    wanted = np.array([np.ceil(n * q) - 1.0, np.floor(n * q - spread), np.ceil(n * q + spread)])
+    rank = np.clip(wanted, 0, n - 1).astype(np.int64)
+    value, low, high = np.partition(values, np.unique(rank))[rank]
+    return float(value), float(low), float(high)
 
 
 def chi2_band(degrees_of_freedom: float, level: float = 0.95) -> tuple[float, float]:

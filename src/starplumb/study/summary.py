@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from ..estimators.protocol import Status
 from ..physics.units import ARCSEC
 from ..plan.bound import bound_E
-from .monte_carlo import Study, Tally
-from .statistics import Z95, Sketch, chi2_band, trials_for
+from .monte_carlo import Study, Tally, on_ground
+from .statistics import Z95, chi2_band, quantile, trials_for
 from .store import Store
 from .verdict import TOLERANCE, verdict
 
@@ -55,16 +55,28 @@ class Progress:
         }
 
 
-def tally(store: Store) -> dict[str, tuple[Tally, Progress]]:
+@dataclass
+class Found:
+    """What one estimator made of a study: statistics, their course, and its finite errors (n, 3) rad in order."""
+
+    tally: Tally
+    progress: Progress
+    theta_E: Array
+
+
+def found_of(store: Store) -> dict[str, Found]:
     """Statistics of all chunks of a finished study, by method, merged in the order of the chunks."""
-    merged: dict[str, tuple[Tally, Progress]] = {}
+    merged: dict[str, Tally] = {}
+    progress: dict[str, Progress] = {name: Progress() for name in store.study.methods}
+    theta_E: dict[str, list[Array]] = {name: [] for name in store.study.methods}
     for arrays in store.load():
         for name in store.study.methods:
             part = Tally.from_arrays(arrays, f"{name}/tally/")
-            whole, progress = merged.get(name, (None, Progress()))
-            merged[name] = (part if whole is None else whole.merge(part), progress)
-            progress.note(merged[name][0])
-    return merged
+            merged[name] = merged[name].merge(part) if name in merged else part
+            progress[name].note(merged[name])
+            errors = arrays[f"{name}/theta_E"]
+            theta_E[name].append(errors[np.all(np.isfinite(errors), axis=-1)])
+    return {name: Found(merged[name], progress[name], np.concatenate(theta_E[name])) for name in merged}
 
 
 def summarise(store: Store) -> dict[str, Any]:
@@ -72,8 +84,8 @@ def summarise(store: Store) -> dict[str, Any]:
     study, bound = store.study, bound_E(store.study.scenario)
     scenario = study.scenario
     methods = {}
-    for name, (found, progress) in tally(store).items():
-        methods[name] = _method(study, found, bound) | {"convergence": progress.document()}
+    for name, found in found_of(store).items():
+        methods[name] = _method(study, found, bound) | {"convergence": found.progress.document()}
     document: dict[str, Any] = _finite(
         {
             "schema": SCHEMA,
@@ -123,26 +135,27 @@ def _interval(value: float, error: float, scale: float = 1.0) -> dict[str, float
     }
 
 
-def _quantile(sketch: Sketch, q: float, scale: float = 1.0) -> dict[str, float] | None:
-    if sketch.n == 0:
+def _quantile(values: Array, q: float, scale: float = 1.0) -> dict[str, float] | None:
+    if values.size == 0:
         return None
-    value, low, high = sketch.quantile(q)
+    value, low, high = quantile(values, q)
     return {"value": value / scale, "low": low / scale, "high": high / scale}
 
 
-def _method(study: Study, found: Tally, bound: Array | None) -> dict[str, Any]:
+def _method(study: Study, made: Found, bound: Array | None) -> dict[str, Any]:
+    found = made.tally
     counts = {status.name.lower(): int(found.status[status]) for status in Status}
     failed = sum(int(found.status[status]) for status in Status if not status.usable)
     document = {
         "status": counts,
         "failed": failed,
         "without_estimate": int(found.unusable),
-        "axes": {axis: _axis(found, k, bound) for k, axis in enumerate(AXES)},
+        "axes": {axis: _axis(found, made.theta_E[:, k], k, bound) for k, axis in enumerate(AXES)},
         "nees": _consistency(found.nees.mean[0], found.nees.mean_error[0], 3.0 * float(found.nees.n)),
         "chi2_per_degree_of_freedom": _fit(study, found),
         "ground": {
             "rmse_m": _interval(float(found.ground_m.rms[0]), float(found.ground_m.rms_error[0])),
-            "ce90_m": _quantile(found.ground, 0.9),
+            "ce90_m": _quantile(on_ground(made.theta_E, study.scenario.ground_m), 0.9),
             "points": "centres of the images, alignment error alone",
         },
         "trials_for_1_percent": trials_for(0.01, kurtosis=float(np.max(found.theta.kurtosis))),
@@ -151,8 +164,8 @@ def _method(study: Study, found: Tally, bound: Array | None) -> dict[str, Any]:
     return document
 
 
-def _axis(found: Tally, k: int, bound: Array | None) -> dict[str, Any]:
-    theta, sketch = found.theta, (found.x, found.y, found.z)[k]
+def _axis(found: Tally, errors: Array, k: int, bound: Array | None) -> dict[str, Any]:
+    theta = found.theta
     rms, rms_error = float(theta.rms[k]), float(theta.rms_error[k])
     limit = None if bound is None else float(np.sqrt(bound[k, k]))
     return {
@@ -161,21 +174,20 @@ def _axis(found: Tally, k: int, bound: Array | None) -> dict[str, Any]:
         "rms_arcsec": _interval(rms, rms_error, ARCSEC),
         "max_arcsec": float(theta.largest[k] / ARCSEC) if theta.n else None,
         "kurtosis": float(theta.kurtosis[k]),
-        "quantiles_arcsec": {f"{q:g}": _quantile(sketch, q, ARCSEC) for q in QUANTILES},
+        "quantiles_arcsec": {f"{q:g}": _quantile(errors, q, ARCSEC) for q in QUANTILES},
         "stated_sigma_arcsec": float(found.sigma.mean[k] / ARCSEC) if found.sigma.n else None,
         "error_over_stated": _ratio(found, k),
-        "histogram": _histogram(sketch, float(theta.mean[k]), float(theta.sigma[k])),
+        "histogram": _histogram(errors, float(theta.mean[k]), float(theta.sigma[k])),
         "rmse_over_bound": None if limit is None else _interval(rms, rms_error, limit),
     }
 
 
-def _histogram(sketch: Sketch, mean: float, sigma: float) -> dict[str, Any] | None:
+def _histogram(errors: Array, mean: float, sigma: float) -> dict[str, Any] | None:
     """Counts in bins of a fifth of sigma out to five, for the figures; what lies beyond is in the outer two."""
-    if sketch.n == 0 or not sigma > 0.0:
+    if errors.size == 0 or not sigma > 0.0:
         return None
     edges = mean + sigma * np.linspace(-5.0, 5.0, 51)
-    values = np.clip(sketch.values, edges[0], edges[-1])
-    counts, _ = np.histogram(values, edges, weights=sketch.count)
+    counts, _ = np.histogram(np.clip(errors, edges[0], edges[-1]), edges)
     return {"edges_arcsec": [float(edge / ARCSEC) for edge in edges], "counts": [int(n) for n in counts]}
 
 

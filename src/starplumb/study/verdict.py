@@ -18,7 +18,8 @@ def verdict(trials: int, document: dict[str, Any]) -> Iterator[str]:
             f"{count} {key.replace('_', ' ')}" for key, count in document["status"].items() if count
         )
         yield (
-            f"{document['failed']} of {trials} runs failed ({kinds}); their errors are in every figure"
+            f"{'all' if document['failed'] == trials else document['failed']} of {trials} runs failed ({kinds}); "
+            "their errors are in every figure"
             + (
                 f", save {document['without_estimate']} without any estimate"
                 if document["without_estimate"]

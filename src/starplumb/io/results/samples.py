@@ -1,11 +1,10 @@
-"""Every trial of a study as a table: Parquet or netCDF, written chunk by chunk so that memory stays flat."""
+"""Every trial of a study as a Parquet table, written chunk by chunk so that memory stays flat."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Iterator
 from dataclasses import fields
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Literal
 
@@ -17,38 +16,28 @@ from ...physics.units import ARCSEC
 from ...study.monte_carlo import Arrays, Samples
 from ...study.store import Store
 
-Format = Literal["parquet", "netcdf", "none"]
-
-_NEEDS: dict[str, tuple[str, ...]] = {"parquet": ("pyarrow",), "netcdf": ("h5netcdf", "h5py")}
-_NAMES = {"parquet": "samples.parquet", "netcdf": "samples.nc"}
+Format = Literal["parquet", "none"]
 
 
 def choose(wanted: str) -> Format:
-    """The format that can be written here: ``auto`` takes Parquet, then netCDF, then none.
-
-    Raises InputError where a wanted format's library is not installed.
-    """
-    here = {name: all(find_spec(module) for module in modules) for name, modules in _NEEDS.items()}
-    if wanted == "auto":
-        return "parquet" if here["parquet"] else "netcdf" if here["netcdf"] else "none"
-    if wanted == "parquet" or wanted == "netcdf":
-        if not here[wanted]:
-            listed = " and ".join(_NEEDS[wanted])
-            raise InputError(f"--samples {wanted} needs {listed}; wanted pip install 'starplumb[samples]'")
-        return "parquet" if wanted == "parquet" else "netcdf"
-    if wanted != "none":
-        raise InputError(f"--samples: found {wanted!r}, wanted auto, parquet, netcdf or none")
-    return "none"
+    """The format that ``--samples`` asks for; ``auto`` is Parquet.  Raises InputError for another one."""
+    if wanted == "netcdf":
+        raise InputError(
+            "--samples: found 'netcdf', which is no longer written, wanted parquet, which holds the same columns"
+        )
+    if wanted not in ("auto", "parquet", "none"):
+        raise InputError(f"--samples: found {wanted!r}, wanted auto, parquet or none")
+    return "none" if wanted == "none" else "parquet"
 
 
 def write_samples(store: Store, folder: Path, format: Format) -> Path | None:
     """Write the samples of a finished study beside its summary; the file appears when it is whole."""
     if format == "none":
         return None
-    path = folder / _NAMES[format]
+    path = folder / "samples.parquet"
     beside = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
-        (_write_parquet if format == "parquet" else _write_netcdf)(beside, store)
+        _write_parquet(beside, store)
         beside.replace(path)
     finally:
         beside.unlink(missing_ok=True)
@@ -95,21 +84,3 @@ def _write_parquet(path: Path, store: Store) -> None:
     finally:
         if writer is not None:
             writer.close()
-
-
-def _write_netcdf(path: Path, store: Store) -> None:
-    """A group for each method, a variable for each column along ``trial``."""
-    import h5netcdf
-
-    with h5netcdf.File(path, "w") as file:
-        file.attrs["title"] = f"starplumb simulation of {store.study.scenario.name}"
-        for method in store.study.methods:
-            file.create_group(method).dimensions["trial"] = store.study.trials
-        for method, table in _tables(store):
-            group, first = file[method], int(table["trial"][0])
-            for name, values in table.items():
-                if name not in group.variables:
-                    group.create_variable(
-                        name, ("trial",), values.dtype, chunks=(min(store.study.trials, 65536),)
-                    )
-                group[name][first : first + values.size] = values
