@@ -6,7 +6,9 @@ import ast
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,8 +16,10 @@ import pytest
 import starplumb as sp
 from command import demo as written_demo
 from command import starplumb
+from helpers import CAMPAIGN, write_good_campaign
 from starplumb.physics import so3
 from starplumb.physics.units import ARCSEC
+from starplumb.session.location import place, view_of
 
 PACKAGE = Path(sp.__file__).parent
 
@@ -227,3 +231,57 @@ def test_the_door_opens_lazily_and_its_types_agree():
         assert getattr(sp, name).__name__ == name
     with pytest.raises(AttributeError, match="no attribute 'colour'"):
         _ = sp.colour
+
+
+@pytest.fixture(scope="module")
+def at_the_horizon(tmp_path_factory):
+    """The camera of the campaign by hand turned by 90 deg about x: it looks along the horizon."""
+    text = CAMPAIGN.replace("[0.0, 0.0, 0.0, 1.0]", "[0.7071067811865476, 0.0, 0.0, 0.7071067811865476]")
+    return write_good_campaign(tmp_path_factory.mktemp("horizon"), campaign=text)
+
+
+def test_a_line_of_sight_that_misses_the_earth_is_refused(at_the_horizon):
+    with pytest.raises(sp.InputError, match=r"pixel \(5, 7\) of I1 misses the Earth") as refused:
+        sp.locate(sp.read_campaign(at_the_horizon), image="I1", column=5, row=7)
+    assert str(refused.value).startswith(str(at_the_horizon))
+
+
+def ground_at(known):
+    """Ground at height 0 where ``known`` says so of latitudes (rad), and unknown elsewhere."""
+    return SimpleNamespace(
+        dem=SimpleNamespace(path="dem.tif", step_m=30.0),
+        at=lambda latitude, longitude: np.where(known(latitude), 0.0, np.nan),
+    )
+
+
+def test_a_pixel_without_ground_in_the_height_model_is_refused(tmp_path):
+    campaign = sp.read_campaign(write_good_campaign(tmp_path))
+    view, pixel = view_of(campaign, None, "I1"), (6000.0, 0.0)
+    level = place(view, pixel, 0.0, 0.0)
+    latitude = np.deg2rad(level.latitude_deg)
+    up = np.sign(latitude - np.deg2rad(place(replace(view, height_m=5000.0), pixel, 0.0, 0.0).latitude_deg))
+    cases = {
+        "nowhere": lambda angle: np.full(angle.shape, False),
+        "only where the ray is still high above it": lambda angle: up * (latitude - angle) > 1e-6,
+    }
+    for known in cases.values():
+        with pytest.raises(sp.InputError, match=r"^dem\.tif: found no ground under pixel \(6000, 0\) of I1"):
+            place(replace(view, surface=ground_at(known)), pixel, 0.0, 0.0)
+    everywhere = place(replace(view, surface=ground_at(lambda a: np.full(a.shape, True))), pixel, 0.0, 0.0)
+    assert everywhere.document["itrf_m"] == pytest.approx(level.document["itrf_m"], abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"image": "I9"}, "image: found 'I9', wanted one of I1, I2"),
+        ({"height_m": float("inf")}, "height_m: found inf"),
+        ({"height_m": 1.0, "dem": "dem.tif"}, "height_m: found beside a DEM"),
+        ({"column": 12000}, "COLUMN: found 12000, wanted -0.5 to 11999.5"),
+        ({"row": -0.6}, "ROW: found -0.6, wanted -0.5 to 11999.5"),
+    ],
+)
+def test_what_cannot_be_located_is_refused(tmp_path, options, words):
+    campaign = sp.read_campaign(write_good_campaign(tmp_path))
+    with pytest.raises(sp.InputError, match=words):
+        sp.locate(campaign, **({"image": "I1", "column": 1, "row": 1} | options))

@@ -7,6 +7,7 @@ import re
 import subprocess
 import sys
 from dataclasses import replace
+from html import unescape
 from html.parser import HTMLParser
 from importlib.resources import files
 
@@ -21,14 +22,16 @@ from starplumb.documents.from_calibration import result_document
 from starplumb.estimators.gls import Gls
 from starplumb.estimators.selfcal import SelfCalibration
 from starplumb.estimators.wahba import Wahba
-from starplumb.ground.intersection import intersect
+from starplumb.ground.intersection import Intersections, intersect
 from starplumb.judge.calibrate import PRIOR, calibrate, shares
 from starplumb.physics import so3
 from starplumb.physics.earth import C_JT, itrf_to_geodetic
 from starplumb.physics.units import ARCSEC
 from starplumb.plan.demo import demo
-from starplumb.report import calibration_page, simulation_page
+from starplumb.report.calibration import calibration_page
+from starplumb.report.calibration_tables import _intersection_row
 from starplumb.report.plots import Ellipse, outline, thinned
+from starplumb.report.simulation import simulation_page
 from starplumb.report.text import euler_zyx, length, measured, number
 from starplumb.table.parameter_names import parameters
 
@@ -154,7 +157,7 @@ from starplumb.estimators.gls import Gls
 from starplumb.documents.from_calibration import result_document
 from starplumb.judge.calibrate import calibrate
 from starplumb.plan.demo import demo
-from starplumb.report import calibration_page
+from starplumb.report.calibration import calibration_page
 done = calibrate(demo("line-scan", 2, 3)[0], Gls())
 document = result_document(done, "gls", ("camera", "tracker"), {}, {})
 print(hashlib.sha256(calibration_page(done, document).encode()).hexdigest())
@@ -421,3 +424,47 @@ def test_listed_residuals_are_those_of_the_sightings(campaign):
             for key, px in (("rms_px", r.after_px), ("rms_own_px", r.fit_px)):
                 expected = np.sqrt(np.mean(px[mine] ** 2)) if np.any(mine) else 0.0
                 assert row[key] == pytest.approx(expected, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("C", "angles_deg"),
+    [
+        # R_z(30) R_y(90): the columns are where x, y, z go: down, then (-sin, cos, 0), then (cos, sin, 0)
+        ([[0, -0.5, np.sqrt(0.75)], [0, np.sqrt(0.75), 0.5], [-1, 0, 0]], (30.0, 90.0, 0.0)),
+        # R_z(30) R_y(-90)
+        ([[0, -0.5, -np.sqrt(0.75)], [0, np.sqrt(0.75), -0.5], [1, 0, 0]], (30.0, -90.0, 0.0)),
+        ([[0, 1, 0], [0, 0, 1], [-1 * -1, 0, 0]], (-90.0, -90.0, 0.0)),
+    ],
+)
+def test_euler_angles_at_a_right_angle_by_hand(C, angles_deg):
+    np.testing.assert_allclose(np.rad2deg(euler_zyx(np.array(C, dtype=float))), angles_deg, atol=1e-7)
+
+
+def test_a_row_of_intersections_by_hand():
+    error_T = np.array([[3.0, 4.0, 12.0], [-3.0, -4.0, -12.0], [4.0, 3.0, 12.0]])
+    (row,) = _intersection_row("control points", "after", Intersections(np.arange(3), error_T))
+    assert row == ("control points", "after", "3", "5.00 m", "5.00 m", "12.0 m")
+    assert _intersection_row("none", "after", Intersections(np.empty(0, dtype=int), np.empty((0, 3)))) == []
+
+
+def cells_below(page, caption):
+    """The rows of the table with a caption, as text."""
+    table = page[page.index(f"<caption>{caption}") :].split("</table>")[0].split("<tbody>")[1]
+    rows = re.findall(r"<tr.*?</tr>", table, flags=re.DOTALL)
+    return [[unescape(cell) for cell in re.findall(r"<t[hd][^>]*>(.*?)</t[hd]>", row)] for row in rows]
+
+
+@pytest.mark.slow
+def test_the_report_of_a_self_calibration_lists_its_parameters(campaign):
+    done = calibrate(campaign, SelfCalibration(parameters(["focal_length=1mm", "time_offset"], campaign)))
+    document = result_document(done, "gls", ("camera", "star_tracker"), {}, {})
+    document["parameters"][1] |= {"known": False, "correction": None}
+    shown = cells_below(calibration_page(done, document), "Estimated beside the alignment")
+    assert [row[:2] for row in shown] == [["focal_length", "mm"], ["time_offset", "ms"]]
+    for row, wanted in zip(shown, document["parameters"], strict=True):
+        assert float(row[3]) == pytest.approx(wanted["sigma"], rel=5e-3)
+    assert float(shown[0][2].replace("−", "-")) == pytest.approx(
+        document["parameters"][0]["correction"], rel=5e-5
+    )
+    assert shown[1][2] == "not determined by the data"
+    assert [row[4] for row in shown] == ["1.00", "–"]

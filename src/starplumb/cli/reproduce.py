@@ -41,8 +41,7 @@ def reproduce(
 
       starplumb reproduce --out reproduced
     """
-    from ..documents.reproduction import ReproductionDocument
-    from ..io.text.write import write_text
+    from ..io.text.write import json_text, write_text
     from ..published.reproduce import TABLES, document, verdicts
     from ..published.reproduce import reproduce as recompute
 
@@ -57,7 +56,7 @@ def reproduce(
     output.show("Rows: " + ", ".join(f"{counts[verdict]} {verdict}" for verdict in counts))
     result = document(tables, trials, seed)
     if out is not None:
-        write_text(out / "reproduce.json", ReproductionDocument.of(result).to_json())
+        write_text(out / "reproduce.json", json_text(result))
     output.document(result)
 
 

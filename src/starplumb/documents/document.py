@@ -6,7 +6,6 @@ import json
 from collections.abc import Mapping
 from typing import Annotated, Any, Self
 
-import numpy as np
 from annotated_types import Len
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
@@ -89,11 +88,3 @@ def _problem(loc: tuple[int | str, ...], kind: str, message: str, given: object)
         return message.removeprefix("Value error, ")
     text = " ".join(str(given).split())
     return f"{key}: found {text if len(text) <= 40 else text[:37] + '...'} ({message})"
-
-
-def numbers(values: Any) -> Any:
-    """Nested lists of floats; a number that is not finite becomes None, which JSON can say."""
-    array = np.asarray(values, dtype=np.float64)
-    if array.ndim == 0:
-        return float(array) if np.isfinite(array) else None
-    return [numbers(row) for row in array]

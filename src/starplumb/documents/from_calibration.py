@@ -18,11 +18,11 @@ from ..physics import so3
 from ..physics.units import ARCSEC
 from ..table.campaign import Campaign
 from ..table.parameter_names import UNITS, unit_of
-from .document import numbers
-from .result import SCHEMA
+from .numbers import numbers
 
 Array = NDArray[np.float64]
 
+RESULT_SCHEMA = "starplumb-result/1"
 LISTED_AT_MOST = 10_000
 """Images, and landmarks, in ``result.json``; of more the worst: who opens it looks for those."""
 
@@ -42,7 +42,7 @@ def result_document(
     c, estimate = calibration, calibration.estimate
     covariance, sigma = estimate.covariance_E, estimate.sigma_E
     return {
-        "schema": SCHEMA,
+        "schema": RESULT_SCHEMA,
         "status": c.status.name.lower(),
         "message": c.message,
         "method": method,
@@ -99,7 +99,7 @@ def unmatched_document(
     """``result.json`` where detections could not be matched with landmarks: no number but the model mounting's."""
     nothing = {"rmse_m": None, "ce90_m": None}
     return {
-        "schema": SCHEMA,
+        "schema": RESULT_SCHEMA,
         "status": "not_converged",
         "message": labels.refusal,
         "method": method,

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
+from ..estimators.protocol import Status
 from ..physics.units import ARCSEC
 from .document import Document, Matrix3, MatrixOrNulls3, Number, Numbers3, Part
 
-SCHEMA = "starplumb-result/1"
-USABLE = ("ok", "weak")
 ROTATION = 1e-6
 """A matrix farther from a rotation than this is none."""
 ROUNDING = 1e-9
@@ -126,11 +125,18 @@ class Landmark(Part):
     rms_own_px: Number
 
 
+def _known(status: str) -> str:
+    names = [each.name.lower() for each in Status]
+    if status not in names:
+        raise ValueError(f"status: found {status!r}, which is none of {', '.join(names)}")
+    return status
+
+
 class ResultDocument(Document):
     """``result.json``; ``sigma_arcsec`` and ``covariance_arcsec2`` are about x, y, z of the star tracker."""
 
     schema_: Literal["starplumb-result/1"] = Field(alias="schema")
-    status: Literal["ok", "weak", "refuted", "singular", "not_converged"]
+    status: Annotated[str, AfterValidator(_known)]
     message: str
     method: str
     mounting: Mounting
@@ -157,7 +163,7 @@ class ResultDocument(Document):
     @model_validator(mode="after")
     def _believable(self) -> Self:
         """A usable result has a rotation and, if it states a covariance, one that is possible."""
-        if self.status in USABLE:
+        if self.usable:
             _require_rotation(self.C_EK)
             if self.covariance_arcsec2 is not None:
                 _require_covariance(np.array(self.covariance_arcsec2, dtype=np.float64))
@@ -166,7 +172,7 @@ class ResultDocument(Document):
     @property
     def usable(self) -> bool:
         """Whether the mounting may be used."""
-        return self.status in USABLE
+        return Status[self.status.upper()].usable
 
     @property
     def C_EK(self) -> NDArray[np.float64]:

@@ -156,7 +156,7 @@ def parameters(document: Document) -> tuple[Table, ...]:
         (
             str(p["name"]),
             str(p["unit"]),
-            number(p["correction"], 5) if p["known"] else "not told by the data",
+            number(p["correction"], 5) if p["known"] else "not determined by the data",
             number(p["sigma"]),
             number(p["prior_sigma"]),
         )

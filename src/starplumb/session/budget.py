@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..documents.budget import BudgetDocument
 from ..physics.units import ARCSEC
 from ..report.page import Table
 from ..study.budget_document import document
@@ -58,11 +57,11 @@ class Budget(Shown):
 
     def save(self, folder: str | Path) -> None:
         """Write ``budget.json`` and ``report.html``."""
-        from ..io.text.write import publish
-        from ..report import budget_page
+        from ..io.text.write import json_text, publish
+        from ..report.budget import budget_page
 
         files = {
-            "budget.json": BudgetDocument.of(self.document).to_json(),
+            "budget.json": json_text(self.document),
             "report.html": budget_page(self.document),
         }
         publish(Path(folder), files)

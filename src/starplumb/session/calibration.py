@@ -31,15 +31,12 @@ class NotIdentified(AlignmentFailed):
     def save(self, folder: str | Path) -> None:
         """Write ``result.json`` without an answer, and the tables of the detections; an older result is removed."""
         from ..documents.from_calibration import unmatched_document
-        from ..documents.result import ResultDocument
         from ..io.results.labels import label_files
-        from ..io.text.write import publish
+        from ..io.text.write import json_text, publish
 
         loaded, frames = self.campaign.loaded, self.campaign.frames
-        document = ResultDocument.of(
-            unmatched_document(loaded.campaign, self.labels, self.method, frames, loaded.inputs)
-        )
-        files = {"result.json": document.to_json(), **label_files(loaded, self.labels)}
+        document = unmatched_document(loaded.campaign, self.labels, self.method, frames, loaded.inputs)
+        files = {"result.json": json_text(document), **label_files(loaded, self.labels)}
         publish(Path(folder), files, instead_of=RESULT_FILES)
 
 

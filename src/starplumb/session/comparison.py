@@ -10,8 +10,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from ..documents.comparison import ComparisonDocument
-from ..documents.document import numbers
+from ..documents.numbers import numbers
 from ..estimators import METHODS
 from ..judge.compare import Answer, answers
 from ..physics import so3
@@ -55,9 +54,9 @@ class Comparison(Shown):
 
     def save(self, folder: str | Path) -> None:
         """Write ``compare.json``."""
-        from ..io.text.write import write_text
+        from ..io.text.write import json_text, write_text
 
-        write_text(Path(folder) / "compare.json", ComparisonDocument.of(self.document).to_json())
+        write_text(Path(folder) / "compare.json", json_text(self.document))
 
     @property
     def frame(self) -> Frame:

@@ -8,7 +8,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from ..documents.document import numbers
+from ..documents.numbers import numbers
 from ..io.campaign.attitude_config import CAMERA
 from ..io.tables.read import read_table
 from ..judge.conventions.mistake import Mistake, Written

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..documents.document import numbers
-from ..documents.result import ResultDocument
+from ..documents.numbers import numbers
 from ..ground.geolocation import block_count, positions, terrain_below
 from ..ground.locate import Location, ground
 from ..ground.terrain import ground_height
@@ -166,6 +165,8 @@ def _read_mounting(campaign: Campaign, path: Path) -> Mounting:
 
     Raises InputError where the file is no such result, its frames are not the campaign's, or its status forbids it.
     """
+    from ..documents.result import ResultDocument
+
     document = ResultDocument.from_json(read_text(path), str(path))
     if not document.usable:
         raise InputError(

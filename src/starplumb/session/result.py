@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..documents.from_calibration import result_document
-from ..documents.result import ResultDocument
 from ..identify.labelling import Labels
 from ..io.campaign.read import LoadedCampaign
 from ..io.results.residual_table import residual_columns, residual_names
@@ -140,7 +139,7 @@ class Result(Shown):
 
     def report(self) -> str:
         """``report.html``: one page with tables and figures, which needs no other file."""
-        from ..report import calibration_page
+        from ..report.calibration import calibration_page
 
         return calibration_page(self.calibration, self.document)
 
@@ -151,11 +150,11 @@ class Result(Shown):
         ``residuals.gpkg``, and, if the mounting may be used, the SPICE frame kernel ``mounting.tf``.  Files of an
         earlier result that this one does not write are removed.
         """
-        from ..io.text.write import csv_pieces, publish
+        from ..io.text.write import csv_pieces, json_text, publish
 
         residuals = self.residuals
         files: dict[str, str | Iterable[str]] = {
-            "result.json": ResultDocument.of(self.document).to_json(),
+            "result.json": json_text(self.document),
             "residuals.csv": csv_pieces(residuals.names, residuals.columns),
         }
         if self.labels is not None:

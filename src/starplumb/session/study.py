@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..documents.simulation import SimulationDocument
 from ..io.results.samples import Format, write_samples
 from ..io.results.samples import choose as choose_samples
 from ..physics.errors import ArgumentError
@@ -97,11 +96,12 @@ class Study(Shown):
 
     def save(self, folder: str | Path) -> None:
         """Write ``summary.json``, ``report.html`` and the figures."""
-        from ..io.text.write import publish
-        from ..report import simulation_files, simulation_page
+        from ..io.text.write import json_text, publish
+        from ..report.simulation import simulation_page
+        from ..report.simulation_figures import simulation_files
 
         files = {
-            "summary.json": SimulationDocument.of(self.document).to_json(),
+            "summary.json": json_text(self.document),
             "report.html": simulation_page(self.document),
         }
         publish(Path(folder), files | simulation_files(self.document))
