@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import ast
 import json
+import re
 import subprocess
 import sys
+import tomllib
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -16,7 +18,7 @@ import pytest
 import starplumb as sp
 from command import demo as written_demo
 from command import starplumb
-from helpers import CAMPAIGN, write_good_campaign
+from helpers import CAMPAIGN, FILES, write_good_campaign
 from starplumb.physics import so3
 from starplumb.physics.units import ARCSEC
 from starplumb.session.location import place, view_of
@@ -205,8 +207,6 @@ def test_a_scenario_is_budgeted_and_simulated(tmp_path):
 
 
 def test_a_scenario_may_be_a_dictionary():
-    import tomllib
-
     path = PACKAGE / "scenarios" / "two-images.toml"
     document = tomllib.loads(path.read_text(encoding="utf-8"))
     here, there = sp.scenario(document), sp.scenario("two-images")
@@ -285,3 +285,41 @@ def test_what_cannot_be_located_is_refused(tmp_path, options, words):
     campaign = sp.read_campaign(write_good_campaign(tmp_path))
     with pytest.raises(sp.InputError, match=words):
         sp.locate(campaign, **({"image": "I1", "column": 1, "row": 1} | options))
+
+
+SETTINGS = tomllib.loads(CAMPAIGN)
+TABLES = {name.removesuffix(".csv"): text for name, text in FILES.items() if name != "campaign.toml"}
+
+
+def columns_of(text):
+    """The columns of a table as Python lists: numbers where all cells are."""
+    head, *rows = [line.split(",") for line in text.splitlines()]
+    columns = {name: list(cells) for name, cells in zip(head, zip(*rows, strict=True), strict=True)}
+    number = re.compile(r"-?[0-9.]+$")
+    return {k: [float(c) for c in v] if all(map(number.match, v)) else v for k, v in columns.items()}
+
+
+@pytest.mark.parametrize("kind", ["columns", "pandas", "polars", "pyarrow", "paths"])
+def test_a_campaign_is_built_from_tables(kind, tmp_path):
+    path = write_good_campaign(tmp_path)
+    make = {"columns": dict, "paths": None}.get(kind)
+    if kind in ("pandas", "polars"):
+        make = pytest.importorskip(kind).DataFrame
+    elif kind == "pyarrow":
+        make = pytest.importorskip(kind).table
+    tables = {n: tmp_path / f"{n}.csv" if make is None else make(columns_of(t)) for n, t in TABLES.items()}
+    settings = {key: {k: v for k, v in part.items() if k != "file"} for key, part in SETTINGS.items()}
+    settings = {key: part for key, part in settings.items() if part}
+    built = sp.Campaign.from_tables(settings, **tables)
+    assert repr(built) == repr(sp.read_campaign(path))
+    here, there = sp.calibrate(built), sp.calibrate(sp.read_campaign(path))
+    np.testing.assert_allclose(here.C_EK, there.C_EK, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(here.covariance_arcsec2, there.covariance_arcsec2, rtol=1e-12)
+
+
+def test_a_wrong_cell_of_a_frame_is_named(tmp_path):
+    path = write_good_campaign(tmp_path)
+    images = columns_of(FILES["images.csv"])
+    images["time"][1] = "yesterday"
+    with pytest.raises(sp.InputError, match=r"row 1.*time.*yesterday"):
+        sp.Campaign.from_tables(path, images=images)

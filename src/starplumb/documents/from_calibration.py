@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .. import __version__
 from ..estimators.protocol import ParameterVector
-from ..identify.labelling import Labels
 from ..judge.calibrate import Calibration, shares
 from ..judge.residuals import Accuracy, rms
 from ..judge.separability import known
@@ -19,6 +18,9 @@ from ..physics.units import ARCSEC
 from ..table.campaign import Campaign
 from ..table.parameter_names import UNITS, unit_of
 from .numbers import numbers
+
+if TYPE_CHECKING:
+    from ..identify.labelling import Labels
 
 Array = NDArray[np.float64]
 

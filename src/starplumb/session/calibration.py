@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ..estimators import METHODS
 from ..estimators.protocol import Estimator
-from ..identify.labelling import Labels
 from ..io.text.files import nearest
 from ..judge.calibrate import calibrate as run
 from ..physics.errors import AlignmentFailed, ArgumentError
@@ -16,6 +16,9 @@ from ..physics.units import DEG
 from ..table.campaign import Campaign as Physics
 from .campaign import Campaign
 from .result import RESULT_FILES, Result
+
+if TYPE_CHECKING:
+    from ..identify.labelling import Labels
 
 WITH_PARAMETERS = ("gls", "robust")
 """Methods that can estimate further parameters beside the alignment."""

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +35,20 @@ class Campaign(Shown):
         Raises InputError, one sentence, for the first file that cannot be used.
         """
         return cls(load_campaign(Path(path), with_detections=True), str(path))
+
+    @classmethod
+    def from_tables(cls, settings: Mapping[str, Any] | str | Path, **tables: object) -> Campaign:
+        """A campaign of settings and tables, with the same checks and sentences as one of files.
+
+        ``settings`` are the keys of ``campaign.toml`` as a dictionary, or its path.  ``tables`` are paths or data
+        frames (pandas, polars, PyArrow and any other that gives Arrow data, or a mapping of columns), by the name of
+        their section: ``attitude``, ``ephemeris``, ``landmarks``, ``images``, ``observations`` or ``detections``.
+
+        Raises InputError, one sentence, for the first table that cannot be used.
+        """
+        settings = Path(settings) if isinstance(settings, str) else settings
+        loaded = load_campaign(settings, tables, with_detections=True)
+        return cls(loaded, str(settings) if isinstance(settings, Path) else loaded.campaign.name)
 
     @property
     def name(self) -> str:

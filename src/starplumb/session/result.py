@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..documents.from_calibration import result_document
-from ..identify.labelling import Labels
 from ..io.campaign.read import LoadedCampaign
 from ..io.results.residual_table import residual_columns, residual_names
 from ..judge.calibrate import Calibration
@@ -29,6 +28,8 @@ from .show import Shown
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+    from ..identify.labelling import Labels
 
 Array = NDArray[np.float64]
 
