@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,12 +11,16 @@ from numpy.typing import NDArray
 from ..estimators.gls import Gls
 from ..estimators.protocol import AlignmentEstimate, Estimator, Status, Verdict
 from ..estimators.selfcal import SelfCalibration
+from ..estimators.wahba import Wahba
 from ..physics import so3
 from ..physics.errors import InputError
 from ..table.campaign import Campaign
 from ..table.geometry import observe
 from ..table.observations import Observations
 from .consistency import chi2_p, findings
+from .files.evidence import Evidence
+from .files.findings import findings_of_files
+from .files.sharing import shared
 from .residuals import Accuracy, Residuals, residuals
 from .separability import UNKNOWN, Combination, combinations, ruins_alignment, unimproved
 from .snooping import Rejection, Snooping, calibration_of, fit_at, rejections, snoop
@@ -52,6 +56,14 @@ class Calibration:
     combinations: tuple[Combination, ...] = field(default=())
     notices: tuple[str, ...] = field(default=())
     """What is worth recording but changes nothing."""
+    evidence: tuple[Evidence, ...] = field(default=())
+
+    @property
+    def covariance_with_evidence_E(self) -> Array | None:
+        """Covariance (3, 3) rad^2 of the answer widened by what the files tell; None where the method has none."""
+        added = [found.covariance_E for found in self.evidence if found.covariance_E is not None]
+        stated = self.estimate.covariance_E
+        return None if stated is None else np.asarray(stated + np.sum(added, axis=0)) if added else stated
 
     @property
     def message(self) -> str:
@@ -82,6 +94,8 @@ def calibrate(campaign: Campaign, estimator: Estimator) -> Calibration:
     Raises EpochError where an image lies outside the orbit or attitude, InputError where there is nothing to use.
     """
     observations = observe(campaign)
+    if campaign.shares_between_images:
+        observations = shared(campaign, observations, Wahba()(observations, campaign.C_EK).C_EK)
     used = ~campaign.sightings.check
     if not np.any(used):
         raise InputError(
@@ -103,6 +117,11 @@ def calibrate(campaign: Campaign, estimator: Estimator) -> Calibration:
     if calibration and usable and snooping is None:
         told = [*told, UNTESTED]
     sentences = (*sentences, *told, *estimate.remarks)
+    evidence = _evidence(campaign, observations, estimate, used)
+    if evidence and Status(int(status)).usable:
+        weak = any(found.weakens or found.refuses for found in evidence)
+        status = Status.WEAK if weak else status
+        sentences = (*(found.text for found in evidence), *sentences)
     return Calibration(
         campaign=campaign,
         observations=observations,
@@ -114,7 +133,19 @@ def calibrate(campaign: Campaign, estimator: Estimator) -> Calibration:
         snooping=snooping,
         combinations=traded,
         notices=notices,
+        evidence=evidence,
     )
+
+
+def _evidence(
+    campaign: Campaign, o: Observations, estimate: AlignmentEstimate, used: NDArray[np.bool_]
+) -> tuple[Evidence, ...]:
+    """What the campaign's own files tell of a usable answer."""
+    if estimate.covariance_E is None or not Status(int(estimate.status)).usable:
+        return ()
+    weighted = o if np.all(used) else replace(o, weight=np.where(used, o.weight, 0.0))
+    names = () if estimate.parameters is None else estimate.parameters.names
+    return tuple(findings_of_files(campaign, weighted, estimate.C_EK, estimate.covariance_E, names))
 
 
 def _kept(o: Observations, used: NDArray[np.bool_]) -> Observations:

@@ -140,7 +140,7 @@ def _median_length(vectors: Array) -> float:
     return float(np.median(np.linalg.norm(vectors, axis=-1)))
 
 
-def _lagrange(x: Array, nodes: Array) -> tuple[Array, Array, Array]:
+def lagrange(x: Array, nodes: Array) -> tuple[Array, Array, Array]:
     """Lagrange basis L_j(x), its derivative L_j'(x), and L_j'(x_j).  x (q,), nodes (q, k) -> (q, k) each."""
     k = nodes.shape[-1]
     d = nodes[:, :, None] - nodes[:, None, :] + np.eye(k)  # the diagonal is set to 1 to divide safely
@@ -162,7 +162,7 @@ def _lagrange(x: Array, nodes: Array) -> tuple[Array, Array, Array]:
 
 def _hermite(x: Array, nodes: Array) -> tuple[Array, Array, Array, Array]:
     """Hermite weights of values and slopes, for the value and for the derivative: H, K, H', K' (q, k)."""
-    L, dL, own = _lagrange(x, nodes)
+    L, dL, own = lagrange(x, nodes)
     h = x[:, None] - nodes
     bracket = 1.0 - 2.0 * h * own
     H, K = bracket * L**2, h * L**2
@@ -291,7 +291,7 @@ class Ephemeris:
                 np.einsum("qk,qki->qi", H, r) + np.einsum("qk,qki->qi", K, v),
                 np.einsum("qk,qki->qi", dH, r) + np.einsum("qk,qki->qi", dK, v),
             )
-        L, dL, _ = _lagrange(x, tau)
+        L, dL, _ = lagrange(x, tau)
         return np.einsum("qk,qki->qi", L, r), np.einsum("qk,qki->qi", dL, r)
 
 
@@ -313,6 +313,8 @@ class Attitude:
     """What messages call it: the user's file."""
     starts: tuple[int, ...] = ()
     """Samples at which a new arc begins, which is not interpolated from the one before."""
+    quaternion_step: float = 0.0
+    """Step of the digits in which the file gives the quaternions, 0 where it has all that matter."""
 
     def __post_init__(self) -> None:
         if self.frame == "GCRF" and self.orientation is None:
@@ -344,7 +346,7 @@ class Attitude:
         w = so3.log(so3.from_quaternion(self.q_EF[nodes]) @ C_anchor[:, None].mT)
         tau = seconds(self.t_ns[nodes] - self.t_ns[anchor][:, None])
         x = seconds(t_ns - self.t_ns[anchor])
-        L, dL, _ = _lagrange(x, tau)
+        L, dL, _ = lagrange(x, tau)
         turn = np.einsum("qk,qki->qi", L, w)
         rate = np.einsum("qk,qki->qi", dL, w)
         omega = np.einsum("qij,qj->qi", so3.left_jacobian(turn), rate)

@@ -131,6 +131,8 @@ def photograph(
         sightings=_no_sightings(),
         corrections=corrections,
         orientation=orientation,
+        attitude_shared_by="image",
+        position_shared_by="image",
     )
 
 

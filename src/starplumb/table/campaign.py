@@ -18,6 +18,8 @@ from ..physics.trackers import FusedAttitude
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 Epochs = NDArray[np.int64]
+SharedBy = Literal["image", "pass", "session", "campaign"]
+"""What has one draw of an error in common."""
 
 
 @dataclass(frozen=True)
@@ -108,6 +110,8 @@ class Campaign:
     sigma_position   (3,)                position error an image's markers share, m, along ``position_frame``
     cov_attitude_E   (3, 3), (m, 3, 3)   of the attitude error an image's markers share, about E's axes, rad^2
     orientation                          of the Earth; needed where ``position_frame`` is inertial
+    attitude_shared_by                   what has one attitude error in common, None where it is not stated: as "image"
+    position_shared_by                   the same of the position error
     ================ =================== ==================================================================
     """
 
@@ -125,6 +129,8 @@ class Campaign:
     sightings: Sightings
     corrections: Corrections
     orientation: Orientation | None = None
+    attitude_shared_by: SharedBy | None = None
+    position_shared_by: SharedBy | None = None
 
     def __post_init__(self) -> None:
         _shape("C_EK", self.C_EK, (3, 3))
@@ -141,6 +147,11 @@ class Campaign:
             raise ValueError("an inertial position_frame needs the orientation of the Earth")
         _indices("image", self.sightings.image, m)
         _indices("landmark", self.sightings.landmark, len(self.landmarks.ids))
+
+    @property
+    def shares_between_images(self) -> bool:
+        """Whether several images are stated to have one error of attitude or position in common."""
+        return bool({self.attitude_shared_by, self.position_shared_by} - {None, "image"})
 
     @property
     def attitudes(self) -> tuple[Attitude, ...]:

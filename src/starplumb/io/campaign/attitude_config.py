@@ -36,6 +36,11 @@ SUFFIXES = (*TABLE_SUFFIXES, ".aem", ".xml")
 _ROTATIONS = ("quaternion_xyzw", "quaternion_wxyz", "matrix", "rotation_vector_deg", "euler_deg")
 
 
+_SHARED = ("image", "pass", "session", "campaign")
+Shared = Annotated[Literal["image", "pass", "session", "campaign"], choice(*_SHARED)]
+"""What has one draw of an error in common."""
+
+
 class Rotation(Section):
     """A rotation that takes coordinates in ``from`` to those in ``to``, written in one of several forms.
 
@@ -92,6 +97,9 @@ class AttitudeConfig(Section):
     )
     max_gap_s: Positive | None = Field(
         default=None, description="the largest spacing joined by interpolation, a positive number"
+    )
+    shared_by: Shared | None = Field(
+        default=None, description='what has one attitude error: "image", "pass", "session" or "campaign"'
     )
 
     @property
@@ -176,6 +184,13 @@ def _fusion_rules(given: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     if not isinstance(trackers, list) or not trackers:
         yield "trackers", f"found {show(trackers)}, wanted at least one table [[trackers]]"
         return
+    shared = [tracker.get("shared_by") for tracker in trackers if isinstance(tracker, dict)]
+    for i, word in enumerate(shared):
+        if word != shared[0]:
+            yield (
+                f"trackers.{i}.shared_by",
+                f"found {show(word)}, wanted {show(shared[0])} as for the first tracker",
+            )
     names = [tracker_of(ends(tracker)) for tracker in trackers]
     for i, (tracker, name) in enumerate(zip(trackers, names, strict=True)):
         if name is None or frame is None:

@@ -25,7 +25,7 @@ from ..text.values import (
     choice,
     file_name,
 )
-from .attitude_config import AttitudeConfig, FusionConfig, Mounting, TrackerConfig, attitude_rules
+from .attitude_config import AttitudeConfig, FusionConfig, Mounting, Shared, TrackerConfig, attitude_rules
 
 SUFFIXES = {
     "ephemeris": (*TABLE_SUFFIXES, ".oem", ".xml", ".sp3", ".bsp"),
@@ -112,6 +112,9 @@ class EphemerisConfig(Section):
     )
     object: Text | None = Field(
         default=None, description="the satellite's name or number in a file that holds several"
+    )
+    shared_by: Shared | None = Field(
+        default=None, description='what has one position error: "image", "pass", "session" or "campaign"'
     )
 
     @classmethod
@@ -214,6 +217,11 @@ class CampaignConfig(Section):
         if self.attitude is not None:
             return {"attitude": self.attitude}
         return {f"trackers.{i}": tracker for i, tracker in enumerate(self.trackers or ())}
+
+    @property
+    def attitude_shared_by(self) -> Literal["image", "pass", "session", "campaign"] | None:
+        """What has one attitude error in common; the rules want the trackers to agree."""
+        return next(iter(self.attitudes.values())).shared_by
 
     @classmethod
     def rules(cls, given: Mapping[str, Any]) -> Iterator[tuple[str, str]]:

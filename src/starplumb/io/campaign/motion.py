@@ -11,6 +11,7 @@ import numpy as np
 from ...physics.earth import OMEGA_EARTH
 from ...physics.errors import EpochError, InputError
 from ...physics.orientation import EarthOrientation
+from ...physics.rounding import decimal_step
 from ...physics.series import Attitude, Ephemeris
 from ...physics.timescales import format_iso
 from ...physics.units import ARCSEC
@@ -45,6 +46,7 @@ class AttitudeSamples:
     sigma: Array | None
     name: str
     starts: tuple[int, ...] = ()
+    quaternion_step: float = 0.0
 
 
 def read_ephemeris(
@@ -199,8 +201,9 @@ def _attitude_table(
         for name in SIGMA_ATTITUDE:
             table.require(table.numbers[name] > 0.0, name, "a positive number of arcseconds")
         sigma = ARCSEC * table.columns(*SIGMA_ATTITUDE)
+    step = decimal_step(q)
     q, frame = _to_tracker(q / norm[:, None], config.source, config.target)
-    return AttitudeSamples(t_ns, q, frame, sigma, str(source))
+    return AttitudeSamples(t_ns, q, frame, sigma, str(source), quaternion_step=step)
 
 
 def _standard_attitude(
@@ -235,5 +238,12 @@ def attitude_series(
     """The series that interpolates the samples."""
     inertial = orientation if samples.frame == "GCRF" else None
     return Attitude(
-        samples.t_ns, samples.q_EF, samples.frame, inertial, config.max_gap_s, samples.name, samples.starts
+        samples.t_ns,
+        samples.q_EF,
+        samples.frame,
+        inertial,
+        config.max_gap_s,
+        samples.name,
+        samples.starts,
+        samples.quaternion_step,
     )

@@ -198,6 +198,8 @@ def _assemble(
         sightings=sightings,
         corrections=Corrections(switches.light_time, switches.aberration, switches.refraction),
         orientation=orientation,
+        attitude_shared_by=config.attitude_shared_by,
+        position_shared_by=config.ephemeris.shared_by,
     )
     return campaign, detections
 

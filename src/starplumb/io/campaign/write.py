@@ -19,7 +19,7 @@ from ..text.write import csv_text, publish
 from .attitude_config import CAMERA
 from .motion import VELOCITY
 from .toml_text import Sections, document_text, in_unit
-from .write_attitude import along_axes, attitude_files, attitude_sections, gap, times
+from .write_attitude import along_axes, attitude_files, attitude_sections, gap, shared, times
 
 
 def write_campaign(
@@ -122,6 +122,7 @@ def _sections(campaign: Campaign, scale: str, tracker: str, measured: str) -> Se
         "file": "ephemeris.csv",
         "frame": campaign.position_frame,
         "sigma_m": campaign.sigma_position,
+        **shared(campaign.position_shared_by),
     }
     return [
         ("campaign", {"name": campaign.name, "time_scale": scale}),

@@ -9,7 +9,7 @@ from ...physics.series import Attitude
 from ...physics.timescales import format_iso
 from ...physics.trackers import FusedAttitude, TrackerSeries
 from ...physics.units import ARCSEC
-from ...table.campaign import Campaign
+from ...table.campaign import Campaign, SharedBy
 from ..tables.cells import Array
 from ..tables.read import Epochs
 from ..text.write import csv_text
@@ -41,14 +41,16 @@ def attitude_sections(campaign: Campaign, frame: str) -> Sections:
     """[attitude], or [[trackers]] and [fusion]; ``frame`` is the name of E."""
     attitude = campaign.attitude
     if isinstance(attitude, FusedAttitude):
+        stated = shared(campaign.attitude_shared_by)
         trackers = [
-            ("[trackers]", _tracker(i, tracker, frame)) for i, tracker in enumerate(attitude.trackers)
+            ("[trackers]", _tracker(i, tracker, frame) | stated)
+            for i, tracker in enumerate(attitude.trackers)
         ]
         return [*trackers, ("fusion", {"frame": frame, "method": attitude.fusion})]
     keys: dict[str, object] = {"file": "attitude.csv", "from": attitude.frame, "to": frame}
     if campaign.cov_attitude_E.ndim == 2:
         keys["sigma_arcsec"] = in_unit(np.sqrt(np.diagonal(campaign.cov_attitude_E)), ARCSEC)
-    return [("attitude", keys | gap(attitude.gap_s))]
+    return [("attitude", keys | shared(campaign.attitude_shared_by) | gap(attitude.gap_s))]
 
 
 def _tracker(i: int, tracker: TrackerSeries, frame: str) -> dict[str, object]:
@@ -88,3 +90,8 @@ def times(t_ns: Epochs, scale: str) -> list[str]:
 
 def gap(gap_s: float | None) -> dict[str, object]:
     return {} if gap_s is None else {"max_gap_s": gap_s}
+
+
+def shared(by: SharedBy | None) -> dict[str, object]:
+    """The key that states what has one error in common, where it is stated."""
+    return {} if by is None else {"shared_by": by}

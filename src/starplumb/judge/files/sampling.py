@@ -1,0 +1,290 @@
+"""Attitude samples held against their neighbours: sampled too coarsely, scattered, or one of them wrong.
+
+A sample at t_k is predicted from the four next to it as if it were not there.  A cubic through nodes t_j misses a
+smooth motion at t by ``f''''(t) / 24 prod_j (t - t_j)``, so that what a prediction misses at a sample tells what the
+interpolation misses at an image::
+
+    missed at the image = missed at the sample * prod_j (t - t_j) / prod_j (t_k - t_j)
+
+which is 0.14 halfway between samples of one step (for a sine of angle u between samples exactly
+``(1 - 9/8 cos u/2 + 1/8 cos 3u/2) / (1 - 4/3 cos u + 1/3 cos 2u)``).  The mean over the samples before and after the
+image keeps a smooth motion, and of white noise of the samples only 6 % of its size; their difference keeps the noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...physics import so3
+from ...physics.series import COINCIDENCE_NS, Attitude, lagrange, seconds
+from ...physics.timescales import format_iso
+from ...physics.trackers import FusedAttitude, sigma_at
+from ...physics.units import ARCSEC
+from ...table.campaign import Campaign
+from ..consistency import IMPLAUSIBLE_P, chi2_p
+from .evidence import NOTICEABLE, Evidence, growth, listed, worst
+from .image_errors import ImageErrors
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+Epochs = NDArray[np.int64]
+
+NODES = 4
+SUSPECT, LEFT_OVER = 3.0, 0.2
+"""A sample is wrong when its neighbours put it more than 3 sigmas away, and agree without it to a fifth of that..."""
+BAD_SAMPLE, NOISE = 6.0, 3.5
+"""...or more than 6 sigmas away (once in ten million samples), and agree without it as their own noise lets them."""
+LEAST_SIGMA = 0.01 * ARCSEC
+"""Stands in for the sigma of an attitude that claims to be exact."""
+MOST_BAD = 5
+"""Wrong samples looked for, one after another."""
+CORRELATED = 2.7
+"""Predictions of neighbouring samples share noise: so many of them are worth one (1 + 2 (0.8^2 + 0.4^2 + 0.1^2))."""
+
+
+@dataclass(frozen=True)
+class Missed:
+    """Samples k (p,) predicted from their neighbours: ``angle`` (p, 3) rad by which the prediction misses them, about
+    the tracker's axes; ``noise`` (p,) its sd for white noise of 1; ``product`` (p,) of the distances to the nodes,
+    s^4."""
+
+    angle: Array
+    noise: Array
+    product: Array
+
+
+def left_out(attitude: Attitude, k: Index) -> Missed:
+    """Samples k (p,), of bursts of five or more, predicted from the four others nearest in their burst."""
+    first, last = (bound[k] for bound in attitude.bursts.bounds)
+    start = np.clip(k - NODES // 2, first, last - NODES)
+    window = start[:, None] + np.arange(NODES + 1)
+    nodes = window[window != k[:, None]].reshape(k.size, NODES)
+    t_ns = attitude.t_ns
+    tau, x = seconds(t_ns[nodes] - t_ns[k, None]), np.zeros(k.size)
+    L, _, _ = lagrange(x, tau)
+    anchor = so3.from_quaternion(attitude.q_EF[k])
+    w = so3.log(so3.from_quaternion(attitude.q_EF[nodes]) @ anchor[:, None].mT)
+    missed = -np.einsum("pk,pki->pi", L, w)
+    return Missed(missed, np.sqrt(1.0 + np.sum(L**2, axis=-1)), np.prod(tau, axis=-1))
+
+
+@dataclass(frozen=True)
+class Between:
+    """Epochs (q,) between samples ``left`` and ``left + 1`` of bursts of five or more, with the nodes (q, 4) they are
+    interpolated from and their weights, and the product of the distances to the nodes, s^4."""
+
+    query: Index
+    left: Index
+    nodes: Index
+    weights: Array
+    product: Array
+
+
+def between(attitude: Attitude, t_ns: Epochs) -> Between:
+    """Where epochs (m,) lie among the samples; those on a sample, and those that cannot be checked, are left out."""
+    right = np.searchsorted(attitude.t_ns, t_ns)
+    near = np.stack([np.clip(right - 1, 0, None), np.clip(right, None, attitude.t_ns.size - 1)])
+    apart = np.min(np.abs(attitude.t_ns[near] - t_ns), axis=0) > COINCIDENCE_NS
+    covered = np.flatnonzero(attitude.bursts.covers(t_ns) & apart)
+    first, last = attitude.bursts.bounds
+    for query, nodes in attitude.bursts.windows(t_ns[covered], NODES, attitude.name):
+        if nodes.shape[1] == NODES:
+            long = last[nodes[:, 0]] - first[nodes[:, 0]] >= NODES
+            query, nodes = covered[query[long]], nodes[long]
+            x = seconds(t_ns[query] - attitude.t_ns[nodes[:, 0]])
+            tau = seconds(attitude.t_ns[nodes] - attitude.t_ns[nodes[:, :1]])
+            left = np.searchsorted(attitude.t_ns, t_ns[query], side="right") - 1
+            left = np.clip(left, nodes[:, 0], nodes[:, -1] - 1)
+            return Between(query, left, nodes, lagrange(x, tau)[0], np.prod(x[:, None] - tau, axis=-1))
+    none = np.zeros(0, dtype=np.int64)
+    return Between(none, none, np.zeros((0, NODES), dtype=np.int64), np.zeros((0, NODES)), np.zeros(0))
+
+
+@dataclass(frozen=True)
+class Watched:
+    """One tracker's series as the images see it: the matrix ``C_EA`` by which its errors enter the attitude in E (of
+    several trackers its part), and of the exposures (q,) that count their image, epoch and stated sigma (q, 3) rad
+    about the tracker's own axes."""
+
+    attitude: Attitude
+    C_EA: Array
+    image: Index
+    t_ns: Epochs
+    sigma: Array
+    names: tuple[str, ...]
+
+
+def sampling(campaign: Campaign, errors: ImageErrors, covariance_E: Array) -> Iterator[Evidence]:
+    """What the samples of each tracker say of one another, as it bears on the images that count."""
+    for watched in _watched(campaign, errors):
+        cleaned, found = _without_bad(watched, errors, covariance_E)
+        yield from found
+        place = between(cleaned.attitude, cleaned.t_ns)
+        if place.query.size == 0:
+            continue
+        check = _coarse if _is_motion(cleaned.attitude, place) else _scattered
+        yield from check(cleaned, place, errors, covariance_E)
+
+
+def _watched(campaign: Campaign, errors: ImageErrors) -> Iterator[Watched]:
+    s, attitude, names = campaign.sightings, campaign.attitude, campaign.images.ids
+    rows = np.flatnonzero(errors.observations.weight > 0.0)
+    epochs = campaign.images.exposed(s.image[rows], s.row_px[rows])
+    image, t_ns = np.unique(np.stack([s.image[rows], epochs]), axis=1)
+    if not isinstance(attitude, FusedAttitude):
+        variance = np.diagonal(campaign.cov_attitude_E, axis1=-2, axis2=-1)
+        sigma = np.broadcast_to(np.sqrt(variance), (len(names), 3))[image]
+        yield Watched(attitude, np.eye(3), image, t_ns, np.maximum(sigma, LEAST_SIGMA), names)
+        return
+    for tracker in attitude.trackers:
+        sigma = np.broadcast_to(sigma_at(t_ns, tracker.attitude.t_ns, tracker.sigma_A), (t_ns.size, 3))
+        part = tracker.C_EA / len(attitude.trackers)
+        yield Watched(tracker.attitude, part, image, t_ns, np.maximum(sigma, LEAST_SIGMA), names)
+
+
+def _shared(errors: ImageErrors, image: Index, angle_E: Array) -> Array:
+    """Image errors (m, 6, 6): mean square over its epochs of attitude errors (q, 3) of images (q,)."""
+    out = np.zeros_like(errors.stated)
+    np.add.at(out[:, :3, :3], image, angle_E[:, :, None] * angle_E[:, None, :])
+    return out / np.maximum(np.bincount(image, minlength=len(out)), 1)[:, None, None]
+
+
+def _is_motion(attitude: Attitude, place: Between) -> bool:
+    """Whether neighbouring samples are missed alike, as by a smooth motion, and not by turns, as with white noise.
+
+    The mean of two neighbours has cot^2(u/2) times the power of half their difference for a sine of angle u a sample,
+    and 0.11 times for white noise.
+    """
+    d = left_out(attitude, place.nodes.reshape(-1)).angle.reshape(*place.nodes.shape, 3)
+    return bool(np.sum((d[:, 1:] + d[:, :-1]) ** 2) > 0.5 * np.sum((d[:, 1:] - d[:, :-1]) ** 2))
+
+
+def _coarse(w: Watched, place: Between, errors: ImageErrors, covariance_E: Array) -> Iterator[Evidence]:
+    attitude = w.attitude
+    before, after = (left_out(attitude, place.left + side) for side in (0, 1))
+    missed = 0.5 * sum(m.angle / m.product[:, None] * place.product[:, None] for m in (before, after))
+    at, missed_E = w.image[place.query], missed @ w.C_EA.mT
+    mean = np.zeros((len(errors.stated), 6))
+    np.add.at(mean[:, :3], at, missed_E)
+    mean /= np.maximum(np.bincount(at, minlength=len(mean)), 1)[:, None]
+    common = errors.by_common(mean)
+    further = errors.by_images(_shared(errors, at, missed_E)) + np.outer(common, common)
+    if growth(covariance_E, further) <= NOTICEABLE:
+        return
+    step = float(np.median(seconds(attitude.t_ns[place.left + 1] - attitude.t_ns[place.left])))
+    largest = float(np.max(np.linalg.norm(missed, axis=-1))) / ARCSEC
+    yield Evidence(
+        "sampling",
+        f"{attitude.name}: samples every {step:.3g} s are too far apart for this motion: predicted from their "
+        f"neighbours they show that interpolation misses up to {largest:.2g} arcsec at the images, which adds "
+        f"{worst(covariance_E, further)}",
+        "give the attitude at a higher rate, or state a larger attitude sigma",
+        covariance_E=further,
+    )
+
+
+def _scattered(w: Watched, place: Between, errors: ImageErrors, covariance_E: Array) -> Iterator[Evidence]:
+    """White noise of the samples that is larger than the stated sigma of the attitude."""
+    samples, owner = np.unique(place.nodes, return_index=True)
+    missed = left_out(w.attitude, samples)
+    white, stated = missed.angle / missed.noise[:, None], w.sigma[place.query[owner // NODES]]
+    freedom = int(white.size / CORRELATED)
+    if freedom < 3 or chi2_p(float(np.sum((white / stated) ** 2)) / CORRELATED, freedom) > IMPLAUSIBLE_P:
+        return
+    rms = np.sqrt(np.mean(white**2, axis=0))
+    weight = np.sqrt(np.sum(place.weights**2, axis=-1))
+    excess = np.sqrt(np.maximum((weight[:, None] * rms) ** 2 - w.sigma[place.query] ** 2, 0.0))
+    at = w.image[place.query]
+    own = sum(_shared(errors, at, excess[:, i : i + 1] * w.C_EA[:, i]) for i in range(3))
+    further = errors.by_images(np.asarray(own))
+    if growth(covariance_E, further) <= NOTICEABLE:
+        return
+    yield Evidence(
+        "scatter",
+        f"{w.attitude.name}: the samples scatter about their neighbours by "
+        f"{', '.join(f'{x / ARCSEC:.2g}' for x in rms)} arcsec about x, y, z, more than the stated sigma of "
+        f"{', '.join(f'{x / ARCSEC:.2g}' for x in np.median(stated, axis=0))} arcsec; that adds "
+        f"{worst(covariance_E, further)}",
+        "state the sigma of a sample, or give a filtered attitude",
+        covariance_E=further,
+    )
+
+
+def _without_bad(w: Watched, errors: ImageErrors, covariance_E: Array) -> tuple[Watched, list[Evidence]]:
+    """The series without samples that contradict all their neighbours, and what is said of each."""
+    found: list[Evidence] = []
+    for _ in range(MOST_BAD):
+        attitude, place = w.attitude, between(w.attitude, w.t_ns)
+        bad = _bad_sample(attitude, place, w.sigma)
+        if bad is None:
+            break
+        k, angle = bad
+        feeds = np.flatnonzero(np.any(place.nodes == k, axis=1))
+        weight = np.sum(place.weights[feeds] * (place.nodes[feeds] == k), axis=-1)
+        at = w.image[place.query[feeds]]
+        further = errors.by_images(_shared(errors, at, weight[:, None] * (w.C_EA @ angle)))
+        names = [w.names[i] for i in np.unique(at)]
+        time = format_iso(attitude.t_ns[k : k + 1], "UTC", digits=3)[0]
+        found.append(
+            Evidence(
+                "sample",
+                f"{attitude.name}: the sample at {time} UTC lies {np.linalg.norm(angle) / ARCSEC:.0f} arcsec from "
+                f"where its neighbours put it, and these agree without it; it feeds {listed(names)} and moves the "
+                f"answer by {worst(covariance_E, further)}",
+                "leave the sample out of the table",
+                weakens=growth(covariance_E, further) > NOTICEABLE,
+                covariance_E=further,
+                rows=(time, *names),
+            )
+        )
+        w = replace(w, attitude=_without(attitude, k))
+    return w, found
+
+
+def _bad_sample(attitude: Attitude, place: Between, sigma: Array) -> tuple[int, Array] | None:
+    """The sample that feeds an image and is wrong by most, and by how much (3,) rad; None where none is."""
+    if place.query.size == 0:
+        return None
+    samples, owner = _around(attitude, place)
+    missed = left_out(attitude, samples)
+    far = _in_sigmas(missed, sigma[place.query[owner]])
+    at = int(np.argmax(far))
+    k, sigma_k = int(samples[at]), sigma[place.query[owner[at]]]
+    first, last = (int(bound[k]) for bound in attitude.bursts.bounds)
+    if far[at] < SUSPECT or last - first < NODES + 2:
+        return None
+    around = np.setdiff1d(np.arange(max(first, k - NODES), min(last, k + NODES) + 1), k)
+    others = left_out(_without(attitude, k), around - (around > k))
+    left = float(np.max(_in_sigmas(others, sigma_k)))
+    agree = left <= LEFT_OVER * far[at] or (far[at] > BAD_SAMPLE and left <= NOISE)
+    return (k, missed.angle[at]) if agree else None
+
+
+def _in_sigmas(missed: Missed, sigma: Array) -> Array:
+    """Length (p,) of what is missed in units of what stated noise of the samples would miss."""
+    return np.asarray(np.linalg.norm(missed.angle / sigma, axis=-1) / missed.noise)
+
+
+def _around(attitude: Attitude, place: Between) -> tuple[Index, Index]:
+    """Samples within reach of the nodes at the images, and an epoch (of ``place``) that each is near to."""
+    first, last = (bound[place.left][:, None] for bound in attitude.bursts.bounds)
+    near = np.clip(place.left[:, None] + np.arange(-NODES, NODES + 2), first, last)
+    samples, at = np.unique(near, return_index=True)
+    return samples, at // near.shape[1]
+
+
+def _without(attitude: Attitude, k: int) -> Attitude:
+    """The series without sample k; where it stood no gap opens."""
+    starts = tuple(start - (start > k) for start in attitude.starts)
+    gap_s = None if attitude.gap_s is None else 2.0 * attitude.gap_s
+    return replace(
+        attitude,
+        t_ns=np.delete(attitude.t_ns, k),
+        q_EF=np.delete(attitude.q_EF, k, axis=0),
+        gap_s=gap_s,
+        starts=starts,
+    )
