@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..tables.cells import Array
+
+if TYPE_CHECKING:
+    from tomlkit.items import Table
 
 Sections = Sequence[tuple[str, Mapping[str, object]]]
 """Names of sections with their keys, in order; a name in brackets of its own is one of an array of tables."""
@@ -15,8 +18,21 @@ Sections = Sequence[tuple[str, Mapping[str, object]]]
 
 def document_text(sections: Sections, head: str = "") -> str:
     """A TOML document; every line of ``head`` stands at its top as a comment."""
-    comments = "".join(f"# {line}\n" for line in head.splitlines())
-    return comments + "\n".join(_section(name, keys) for name, keys in sections)
+    import tomlkit
+
+    document = tomlkit.document()
+    for line in head.splitlines():
+        document.add(tomlkit.comment(line))
+    for name, keys in sections:
+        array = name.removeprefix("[").removesuffix("]")
+        if array == name:
+            document.add(name, _section(keys))
+        else:
+            if array not in document:
+                document.add(tomlkit.nl())
+                document.add(array, tomlkit.aot())
+            document[array].append(_section(keys))
+    return tomlkit.dumps(document)
 
 
 def in_unit(value: float | Array, unit: float) -> list[float] | float:
@@ -42,22 +58,26 @@ _COMMENTS = {
 }
 
 
-def _section(name: str, keys: Mapping[str, object]) -> str:
-    lines = [f"{key} = {_value(value)}" for key, value in keys.items()]
-    notes = [f"  # {_COMMENTS[key]}" if key in _COMMENTS else "" for key in keys]
-    return "\n".join([f"[{name}]", *(line + note for line, note in zip(lines, notes, strict=True))]) + "\n"
+def _section(keys: Mapping[str, object]) -> Table:
+    import tomlkit
+
+    section = tomlkit.table()
+    for key, value in keys.items():
+        item = tomlkit.item(_value(value))
+        if key in _COMMENTS:
+            item.comment(_COMMENTS[key])
+        section.add(key, item)
+    return section
 
 
-def _value(value: object) -> str:
-    """A TOML value."""
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, float):
-        return repr(float(value))
-    if isinstance(value, str):
-        return json.dumps(value, ensure_ascii=False)
+def _value(value: object) -> object:
+    """A value as TOML has it: floats with the digits that read back alike, arrays and tables in one line."""
+    import tomlkit
+
     if isinstance(value, Mapping):
-        return "{ " + ", ".join(f"{key} = {_value(item)}" for key, item in value.items()) + " }"
-    if isinstance(value, list | tuple | np.ndarray):
-        return "[" + ", ".join(_value(item) for item in value) + "]"
-    return str(value)
+        table = tomlkit.inline_table()
+        table.update({key: _value(item) for key, item in value.items()})
+        return table
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    return list(value) if isinstance(value, tuple) else value

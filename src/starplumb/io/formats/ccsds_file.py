@@ -15,7 +15,7 @@ from ..text.files import read_bytes, read_text
 from ..text.write import write_text
 from .ccsds_kvn import format_kvn, parse_kvn
 from .ccsds_message import Dialect, Entry, Message, Segment
-from .ccsds_xml import format_xml, parse_xml
+from .ccsds_xml import format_xml, read_xml
 from .series_tables import AttitudeTable, EphemerisTable, FloatArray
 
 _XML_STARTS = (b"<", b"\xff\xfe<\0", b"\xfe\xff\0<", b"<\0", b"\0<")
@@ -25,7 +25,7 @@ def load(path: str | Path, dialect: Dialect) -> Message:
     """The message in a file, KVN or XML; InputError where it cannot be read or is neither."""
     data = read_bytes(Path(path))
     if data.removeprefix(b"\xef\xbb\xbf").lstrip().startswith(_XML_STARTS):
-        return parse_xml(str(path), data, dialect)
+        return read_xml(str(path), data, dialect)
     return parse_kvn(str(path), read_text(Path(path)), dialect)
 
 

@@ -1,7 +1,6 @@
 """Vendors' metadata as a tree of named values, with a sentence for whatever is missing or is not what it should be.
 
-XML is parsed by expat directly so that a DOCTYPE can be refused at its first byte: entities declared there could
-expand without end.  Names are matched without regard to case: the vendors' text and XML forms differ in nothing else.
+Names are matched without regard to case: the vendors' text and XML forms differ in nothing else.
 """
 
 from __future__ import annotations
@@ -11,8 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
-from xml.etree.ElementTree import Element, TreeBuilder
-from xml.parsers import expat
+from xml.etree.ElementTree import Element
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +18,7 @@ from numpy.typing import NDArray
 from ...physics.errors import EpochError, InputError
 from ...physics.timescales import parse
 from .files import read_bytes, show
+from .xml_tree import parse_xml
 
 Array = NDArray[np.float64]
 Epochs = NDArray[np.int64]
@@ -30,7 +29,7 @@ MAX_BYTES = 200_000_000
 
 @dataclass(frozen=True)
 class Node:
-    """An element of the file ``path``; ``place`` is where it stands, as it is told to the user."""
+    """An element of the file ``path``; ``place`` is where it stands, in words for the user."""
 
     path: Path
     element: Element
@@ -156,29 +155,4 @@ def read_xml(path: Path) -> Node:
         raise InputError(
             f"{path}: found {len(data)} bytes, wanted the metadata of an image, at most {MAX_BYTES}"
         )
-    builder = TreeBuilder()
-    parser = expat.ParserCreate()
-    parser.buffer_text = True
-    parser.StartElementHandler = builder.start
-    parser.EndElementHandler = builder.end
-    parser.CharacterDataHandler = builder.data
-
-    def doctype(*_: object) -> None:
-        raise InputError(
-            f"{path}, line {parser.CurrentLineNumber}: found a DOCTYPE, wanted none (it is refused for safety)"
-        )
-
-    parser.StartDoctypeDeclHandler = doctype
-    try:
-        parser.Parse(data, True)
-    except expat.ExpatError as error:
-        reason = expat.errors.messages.get(error.code, "malformed")
-        raise InputError(
-            f"{path}, line {error.lineno}: found unsound XML ({reason}), wanted well-formed XML"
-        ) from None
-    except (LookupError, ValueError) as error:
-        raise InputError(
-            f"{path}: found XML in an encoding that cannot be read ({error}), wanted UTF-8"
-        ) from None
-    root = builder.close()
-    return Node(path, root)
+    return Node(path, parse_xml(str(path), data))
