@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -351,6 +352,55 @@ def test_polynomial_across_midnight(tmp_path: Path) -> None:
     path = _written(tmp_path, text, ("<OFFSET>43200.5<", "<OFFSET>86399.5<"))
     product = read_dimap(path)
     assert product.attitude_t_ns[0] - product.t_ns == -1_500_000_000
+
+
+@pytest.mark.parametrize(("left", "usable"), [(8, True), (7, False)])
+def test_positions_must_be_as_many_as_the_vendors_interpolation_needs(
+    tmp_path: Path, left: int, usable: bool
+) -> None:
+    """Lagrange interpolation of degree 7 takes eight nodes; the list has eleven."""
+    path = _written(tmp_path, re.sub("<Point>.*?</Point>", "", delivered(), count=11 - left))
+    if usable:
+        assert read_dimap(path).orbit_t_ns.size == 8
+    else:
+        with pytest.raises(InputError, match="Point_List: found 7 positions, wanted at least 8"):
+            read_dimap(path)
+
+
+@pytest.mark.parametrize("code", ["urn:ogc:def:crs:EPSG::4978", "urn:ogc:def:crs:EPSG::4936"])
+def test_positions_must_be_in_wgs_84(tmp_path: Path, code: str) -> None:
+    """EPSG 4978 is geocentric WGS 84, 4936 that of ETRS89."""
+    stated = f"<Geodetic_CRS><GEODETIC_CRS_CODE>{code}</GEODETIC_CRS_CODE></Geodetic_CRS>"
+    end = "</Coordinate_Reference_System>"
+    path = _written(tmp_path, delivered(), (end, stated + end))
+    if code.endswith("4978"):
+        assert read_dimap(path).frame == "ITRF"
+    else:
+        with pytest.raises(InputError, match=r"GEODETIC_CRS_CODE: found .*4936.*, wanted EPSG 4978"):
+            read_dimap(path)
+
+
+def test_landmarks_come_with_observations_and_without_corners(tmp_path: Path) -> None:
+    path = _written(tmp_path, delivered())
+    marks, seen = tmp_path / "marks.csv", tmp_path / "seen.csv"
+    stated = {"sigma_m": 1.0, "sigma_arcsec": 1.0}
+    for alone in ({"landmarks": marks}, {"observations": seen}):
+        with pytest.raises(
+            InputError, match=r"\.csv: found landmarks or observations alone, wanted both tables"
+        ):
+            import_product(path, tmp_path / "out", **stated, **alone)
+    both = {"landmarks": marks, "observations": seen}
+    with pytest.raises(InputError, match=r"marks\.csv: found landmarks beside the product's corners"):
+        import_product(path, tmp_path / "out", corners=(1.0, 0.1), **stated, **both)
+    assert not (tmp_path / "out").exists()
+
+
+def test_corners_need_positive_sigmas(tmp_path: Path) -> None:
+    path = _written(tmp_path, delivered())
+    for corners, name in (((0.0, 0.1), "sigma_m 0"), ((1.0, -1.0), "sigma_px -1")):
+        with pytest.raises(InputError, match=f"corners: found the {name}, wanted a positive number"):
+            import_product(path, tmp_path / "out", corners=corners, sigma_m=1.0, sigma_arcsec=1.0)
+    assert not (tmp_path / "out").exists()
 
 
 BAD: list[tuple[Callable[[], str], tuple[str, str], str]] = [
