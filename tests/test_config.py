@@ -377,7 +377,7 @@ def test_written_campaign_reads_back(tmp_path: Path, scale: str, frame: str) -> 
     assert loaded.notices == ()
     assert loaded.C_EK_true is not None
     np.testing.assert_allclose(loaded.C_EK_true, TURN.as_matrix(), atol=1e-15)
-    assert path.read_text().startswith("# two\n# lines\n[campaign]\n")
+    assert path.read_text().startswith("# two\n# lines\n\n[campaign]\n")
 
 
 def test_written_line_scanner_reads_back(tmp_path: Path) -> None:
