@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from starplumb.io.campaign.toml_text import document_text
@@ -46,6 +46,7 @@ KEYS = st.dictionaries(st.text("abc_xyz", min_size=1, max_size=8), VALUE, max_si
 
 
 @pytest.mark.slow
+@settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(sections=st.dictionaries(st.sampled_from(["campaign", "camera", "mounting"]), KEYS, max_size=3))
 def test_toml_is_read_back_by_another_reader(sections: dict[str, Any]) -> None:
     assert tomllib.loads(document_text(list(sections.items()), "a comment\nof two lines")) == sections
