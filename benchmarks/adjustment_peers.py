@@ -67,7 +67,7 @@ class Problem:
 
     @classmethod
     def of(cls, o: Observations, model: Array, optics: Optics) -> Problem:
-        """The table's problem from the closed form on, as :class:`SelfCalibration` starts."""
+        """The table's problem from the closed form on, as :class:`Gls` starts."""
         C_EK = Wahba()(o, model).C_EK
         R = linearise(o, C_EK).R
         V = R @ o.cov_landmark_J[o.landmark] @ R.mT + (o.sigma_px**2)[:, None, None] * np.eye(2)

@@ -22,7 +22,7 @@ import numpy as np
 from adjustment_peers import Found, Problem, by_ceres, by_scipy
 from scenes import C_EK_TRUE, CAMERA, marked, photographed
 
-from starplumb.estimators.selfcal import SelfCalibration
+from starplumb.estimators.gls import Gls
 from starplumb.physics import so3
 from starplumb.table.geometry import observe
 from starplumb.table.observations import Observations
@@ -30,7 +30,7 @@ from starplumb.table.parameters import OPTICS, Optics
 from starplumb.table.simulate import Errors, measure
 
 OPTICAL = Optics(CAMERA, OPTICS, (np.inf,) * len(OPTICS))
-CALIBRATION = SelfCalibration((OPTICAL,))
+CALIBRATION = Gls((OPTICAL,))
 MARKERS = 100
 IMAGES = 40
 """Images of the scene that is repeated, each time with errors of its own."""
@@ -60,7 +60,7 @@ def table(n: int, rng: np.random.Generator, sigma_px: float | None = None) -> Ob
     )
 
 
-def memory_mb(o: Observations, model: np.ndarray, calibration: SelfCalibration) -> float:
+def memory_mb(o: Observations, model: np.ndarray, calibration: Gls) -> float:
     """The largest memory an estimate takes above the table."""
     tracemalloc.start()
     calibration(o, model)
@@ -69,7 +69,7 @@ def memory_mb(o: Observations, model: np.ndarray, calibration: SelfCalibration) 
     return peak / 2.0**20
 
 
-def ours(o: Observations, model: np.ndarray, calibration: SelfCalibration) -> Found:
+def ours(o: Observations, model: np.ndarray, calibration: Gls) -> Found:
     start = time.process_time()
     estimate = calibration(o, model)
     return Found(estimate.C_EK, int(estimate.iterations), time.process_time() - start)

@@ -15,7 +15,7 @@ import numpy as np
 from adjustment_size import table
 from scenes import C_EK_TRUE, CAMERA
 
-from starplumb.estimators.selfcal import SelfCalibration
+from starplumb.estimators.gls import Gls
 from starplumb.physics import so3
 from starplumb.physics.units import DEG
 from starplumb.table.parameters import OPTICS, Optics, TimeOffset
@@ -29,7 +29,7 @@ SETS = {
 
 
 def normalised(
-    calibration: SelfCalibration, n: int, sigma_px: float, rng: np.random.Generator
+    calibration: Gls, n: int, sigma_px: float, rng: np.random.Generator
 ) -> tuple[np.ndarray, float]:
     """Errors over sigmas (k,) of one campaign, and its normalised error squared."""
     axis = rng.standard_normal(3)
@@ -56,7 +56,7 @@ def main() -> None:
     print("|---|---|---|---|---|", flush=True)
     for n in arguments.sizes:
         for number, (name, parameters) in enumerate(SETS.items()):
-            calibration = SelfCalibration(parameters, compiled=True)
+            calibration = Gls(parameters, compiled=True)
             runs = [
                 normalised(calibration, n, arguments.sigma_px, np.random.default_rng([n, number, run]))
                 for run in range(arguments.campaigns)

@@ -20,8 +20,6 @@ import numpy as np
 from scenes import C_EK_TRUE, SIGMAS, marked, photographed
 
 from starplumb.estimators.gls import Gls
-from starplumb.estimators.protocol import Estimator
-from starplumb.estimators.selfcal import SelfCalibration
 from starplumb.physics import so3
 from starplumb.plan.scene import survey
 from starplumb.table.geometry import locate, observe, project
@@ -101,7 +99,6 @@ CASES: dict[str, Callable[[int, np.random.Generator], Observations]] = {
     "archive": archive,
     "random": drawn,
 }
-METHODS: dict[str, Estimator] = {"gls": Gls(), "selfcal": SelfCalibration()}
 
 
 def main() -> None:
@@ -110,7 +107,6 @@ def main() -> None:
     )
     parser.add_argument("cases", nargs="*", help=f"of {list(CASES)}, all if none is named")
     parser.add_argument("--scale", type=int, default=1)
-    parser.add_argument("--method", default="selfcal", choices=list(METHODS))
     parser.add_argument("--memory", action="store_true", help="measure the memory in another run")
     arguments = parser.parse_args()
     print(
@@ -123,7 +119,7 @@ def main() -> None:
         true = CASES[name](arguments.scale, rng)
         o = measure(true, C_EK_TRUE, Errors.draw(true, rng))
         del true
-        estimator = METHODS[arguments.method]
+        estimator = Gls()
         start = time.process_time()
         estimate = estimator(o, model)
         seconds, peak = time.process_time() - start, 0

@@ -10,7 +10,8 @@ from scipy.spatial.transform import Rotation
 
 import oracles
 from problems import C_EK_TRUE, FRAME, LINE, SIGMAS, truth
-from starplumb.estimators.gls import Gls, adjust
+from starplumb.estimators.fit import Fit, State, Unknowns
+from starplumb.estimators.gls import Gls
 from starplumb.estimators.protocol import Status, align
 from starplumb.estimators.wahba import Wahba
 from starplumb.physics import so3
@@ -215,7 +216,7 @@ def test_image_and_marker_errors_are_those_of_the_joint_adjustment(rng):
     o = observe(truth(FRAME, images=2, markers=4, shared_site=True))
     o = measure(o, C_EK_TRUE, Errors.draw(o, rng))
     C, alpha, rho, pi, _ = oracles.joint_adjustment(o, C_EK_TRUE)
-    found = adjust(o, C, C_EK_TRUE)
+    found = Fit(Unknowns(), o, State(C, np.zeros(0)), C_EK_TRUE).solve()
     np.testing.assert_allclose(found.alpha_E, alpha, atol=1e-3 * ARCSEC)
     np.testing.assert_allclose(found.rho_J, rho, atol=1e-3)
     np.testing.assert_allclose(found.pi_J, pi, atol=1e-3)

@@ -84,7 +84,7 @@ def test_parameters_are_published_with_their_covariance(folder):
     matrix = np.array(document["parameter_covariance"]["matrix"])
     np.testing.assert_allclose(matrix[:3, :3], document["covariance_arcsec2"], rtol=1e-12)
     assert document["parameters"][0]["sigma"] == pytest.approx(np.sqrt(matrix[3, 3]))
-    assert "nothing new of the principal point's column" in document["message"]
+    assert "add nothing to what was known of the principal point's column" in document["message"]
 
 
 def test_what_cannot_be_known_is_null(folder):

@@ -20,7 +20,6 @@ from problems import C_EK_TRUE, truth
 from starplumb.cli.app import app
 from starplumb.documents.from_calibration import result_document
 from starplumb.estimators.gls import Gls
-from starplumb.estimators.selfcal import SelfCalibration
 from starplumb.estimators.wahba import Wahba
 from starplumb.ground.intersection import Intersections, intersect
 from starplumb.judge.calibrate import PRIOR, calibrate, shares
@@ -304,7 +303,7 @@ def test_the_budget_adds_up_and_follows_each_source(prior):
 
 def test_the_budget_adds_up_beside_other_parameters():
     campaign, _ = demo("frame", 6, 2)
-    done = calibrate(campaign, SelfCalibration(parameters(["focal_length", "time_offset=10ms"], campaign)))
+    done = calibrate(campaign, Gls(parameters(["focal_length", "time_offset=10ms"], campaign)))
     found = shares(done)
     total = done.estimate.covariance_E
     np.testing.assert_allclose(sum(found.values()), total, atol=2e-3 * np.abs(total).max())
@@ -456,7 +455,7 @@ def cells_below(page, caption):
 
 @pytest.mark.slow
 def test_the_report_of_a_self_calibration_lists_its_parameters(campaign):
-    done = calibrate(campaign, SelfCalibration(parameters(["focal_length=1mm", "time_offset"], campaign)))
+    done = calibrate(campaign, Gls(parameters(["focal_length=1mm", "time_offset"], campaign)))
     document = result_document(done, "gls", ("camera", "star_tracker"), {}, {})
     document["parameters"][1] |= {"known": False, "correction": None}
     shown = cells_below(calibration_page(done, document), "Estimated beside the alignment")

@@ -10,10 +10,10 @@ import pytest
 from problems import C_EK_TRUE, FRAME, LINE, truth
 from starplumb.estimators import robust as robust_module
 from starplumb.estimators.consensus import Consensus, _largest, cluster, consensus, pair_rotation
+from starplumb.estimators.fit import State
 from starplumb.estimators.gls import Gls
 from starplumb.estimators.protocol import Status, Verdict
 from starplumb.estimators.robust import Robust
-from starplumb.estimators.selfcal import SelfCalibration, State
 from starplumb.physics import so3
 from starplumb.physics.units import ARCSEC, DEG
 from starplumb.solve import streaming
@@ -174,7 +174,7 @@ def test_a_large_table_is_judged_like_a_small_one(monkeypatch, rng):
     C_EJ = table.C_EJ.copy()
     C_EJ[o.image == 4] = so3.exp(np.array([200.0, 100.0, 0.0]) * ARCSEC) @ C_EJ[o.image == 4]
     table = table.with_geometry(C_EJ=C_EJ)
-    robust = Robust(SelfCalibration((Optics(FRAME, ("focal_length",), (np.inf,)),)))
+    robust = Robust(Gls((Optics(FRAME, ("focal_length",), (np.inf,)),)))
     whole = robust(table, C_EK_TRUE)
     for name, value in (("LARGE", 50), ("CHUNK", 40)):
         monkeypatch.setattr(streaming, name, value)

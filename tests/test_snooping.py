@@ -11,10 +11,10 @@ from scipy.linalg import block_diag
 from scipy.stats import chi2 as chi2_distribution
 
 from problems import C_EK_TRUE, FRAME, LINE, truth
+from starplumb.estimators.fit import Unknowns
 from starplumb.estimators.gls import Gls
 from starplumb.estimators.protocol import Verdict
 from starplumb.estimators.robust import Robust
-from starplumb.estimators.selfcal import SelfCalibration
 from starplumb.io.results.residual_table import residual_columns, residual_names
 from starplumb.io.text.write import csv_text
 from starplumb.judge.calibrate import calibrate
@@ -55,7 +55,7 @@ def dense(o, model):
 def snooped(o, weight):
     o = replace(o, weight=weight)
     estimate = Gls()(o, C_EK_TRUE)
-    fit = fit_at(SelfCalibration(), o, C_EK_TRUE, estimate, weight > 0.0)
+    fit = fit_at(Unknowns(), o, C_EK_TRUE, estimate, weight > 0.0)
     return fit, snoop(fit, estimate)
 
 
@@ -158,7 +158,7 @@ def uneven(rng):
 
 def judged(calibration, o, estimate, used):
     """All that is said after an estimate: of sightings, of what was left out, and how it was gone through."""
-    fit = fit_at(calibration, o, C_EK_TRUE, estimate, used)
+    fit = fit_at(calibration.unknowns, o, C_EK_TRUE, estimate, used)
     verdict = np.where(used, 0, np.where(o.image == 5, int(Verdict.IMAGE), int(Verdict.SIGHTING)))
     found = snoop(fit, estimate)
     return found, residuals(fit, used), rejections(fit, found, verdict), fit
@@ -187,7 +187,7 @@ def check_same(parts, whole):
 def test_portions_say_what_the_whole_says(monkeypatch, rng):
     """Of a large table that is never held whole: statistics, residuals and error budget are those of the dense one."""
     o, used = uneven(rng)
-    calibration = SelfCalibration((Optics(FRAME, ("focal_length", "k1"), (np.inf, 1.0)),))
+    calibration = Gls((Optics(FRAME, ("focal_length", "k1"), (np.inf, 1.0)),))
     estimate = calibration(o.select(used), C_EK_TRUE)
     whole = judged(calibration, o, estimate, used)
     for name, value in (("LARGE", 50), ("CHUNK", 40)):
@@ -210,7 +210,7 @@ def test_repeated_landmarks_are_judged_by_blocks_of_a_sparse_inverse(images_go, 
     o = replace(o.with_geometry(p_J=p_J), xy_K=o.xy_K)
     used = rng.random(o.n) > 0.1
     used[o.image == 5] = False
-    calibration = SelfCalibration((Optics(FRAME, ("focal_length", "k1"), (np.inf, 1.0)),))
+    calibration = Gls((Optics(FRAME, ("focal_length", "k1"), (np.inf, 1.0)),))
     estimate = calibration(o.select(used), C_EK_TRUE)
     whole = judged(calibration, o, estimate, used)
     for module, name, value in (
@@ -233,8 +233,8 @@ def test_what_follows_the_estimate_is_bounded_in_memory(rng):
     """Forty thousand sightings: little more than the columns that are written out."""
     o = observe(truth(FRAME, 400, 100))
     o = measure(o, C_EK_TRUE, Errors.draw(o, rng))
-    estimate, used = SelfCalibration()(o, C_EK_TRUE), np.ones(o.n, dtype=bool)
-    fit = fit_at(SelfCalibration(), o, C_EK_TRUE, estimate, used)
+    estimate, used = Gls()(o, C_EK_TRUE), np.ones(o.n, dtype=bool)
+    fit = fit_at(Unknowns(), o, C_EK_TRUE, estimate, used)
     tracemalloc.start()
     found = snoop(fit, estimate), residuals(fit, used)
     written, peak = tracemalloc.get_traced_memory()
@@ -245,18 +245,18 @@ def test_what_follows_the_estimate_is_bounded_in_memory(rng):
 
 
 @pytest.mark.slow
-def test_what_is_too_closely_woven_to_be_tested_is_said_to_be(monkeypatch):
+def test_what_cannot_be_tested_in_reasonable_time_is_said(monkeypatch):
     """The estimate stands; its sightings have no statistics, and the calibration says why."""
     campaign = truth(FRAME, 6, 9, shared_site=True)
-    whole = calibrate(campaign, SelfCalibration())
+    whole = calibrate(campaign, Gls())
     assert whole.snooping is not None
-    assert not any("woven" in sentence for sentence in whole.sentences)
+    assert not any("not tested one by one" in sentence for sentence in whole.sentences)
     monkeypatch.setattr(adjustment, "LARGE", 0)
     monkeypatch.setattr(elimination, "STORED", 0)
-    for estimator in (SelfCalibration(), Robust()):
+    for estimator in (Gls(), Robust()):
         found = calibrate(campaign, estimator)
         assert found.snooping is None
-        assert any("woven" in sentence for sentence in found.sentences)
+        assert any("not tested one by one" in sentence for sentence in found.sentences)
         np.testing.assert_allclose(found.estimate.covariance_E, whole.estimate.covariance_E, rtol=1e-7)
 
 
@@ -278,7 +278,7 @@ def test_every_rejection_says_why(rng):
     assert verdict[row] == Verdict.SIGHTING
     assert np.all(verdict[late] == Verdict.IMAGE)
     assert np.all(verdict[(o.landmark == 7) & ~late] == Verdict.LANDMARK)
-    fit = fit_at(SelfCalibration(), table, C_EK_TRUE, estimate, verdict == Verdict.USED)
+    fit = fit_at(Unknowns(), table, C_EK_TRUE, estimate, verdict == Verdict.USED)
     found = {(r.image, r.landmark): r for r in rejections(fit, snoop(fit, estimate), verdict)}
     # predicted minus measured is minus what was planted
     assert "-40." in found[2, 3].reason or "-39." in found[2, 3].reason
@@ -297,7 +297,7 @@ def test_one_marker_controls_nothing():
 
 def test_what_nothing_would_show_is_an_empty_cell():
     """Of a sighting without control the largest hidden error is infinite, and so is what it does."""
-    done = calibrate(truth(FRAME, 2, 3), SelfCalibration())
+    done = calibrate(truth(FRAME, 2, 3), Gls())
     snooping = done.snooping
     snooping.detectable_px[1, 0] = snooping.effect_E[1] = np.inf
     rows = csv_text(residual_names(done), residual_columns(done, 0.0)).splitlines()

@@ -154,7 +154,7 @@ def _polish(o: Observations, d: Directions, C: Array, seen: Index, *, alone: boo
         if np.sum(agree) < 2 or np.array_equal(agree, before):
             break
         refined = Wahba()(replace(o, weight=agree.astype(np.float64)), C)
-        if refined.status != int(Status.OK):
+        if refined.status == int(Status.SINGULAR):
             break
         C = refined.C_EK
     return C, agree

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ..physics.errors import AlignmentFailed
 from ..table.observations import Observations
+from .fit import Unknowns
 
 Array = NDArray[np.float64]
 
@@ -77,6 +78,11 @@ class AlignmentEstimate:
     ``chi2`` (...) with ``degrees_of_freedom``, None where the method has none; ``iterations`` (...).
     ``verdict`` (..., n) of :class:`Verdict` on each sighting, None where the method takes all; ``parameters`` what was
     estimated beside the alignment, None for nothing.
+
+    ``unknowns`` of the generalised least squares whose answer this is, by which residuals, tests of sightings and
+    contributions of error sources are judged; None where the method does not say, and the answer is then compared
+    with that least squares.  ``naive_covariance_E`` (..., 3, 3) as the method's own equations have it.  ``notes`` are
+    short sentences to know before the answer is used.
     """
 
     C_EK: Array
@@ -87,18 +93,41 @@ class AlignmentEstimate:
     degrees_of_freedom: NDArray[np.int64] | None = None
     verdict: NDArray[np.int64] | None = None
     parameters: ParameterVector | None = None
+    unknowns: Unknowns | None = None
+    naive_covariance_E: Array | None = None
+    notes: tuple[str, ...] = ()
 
     @property
     def sigma_E(self) -> Array | None:
         """Standard deviations about E's axes (..., 3), rad."""
-        if self.covariance_E is None:
-            return None
-        return np.asarray(np.sqrt(np.diagonal(self.covariance_E, axis1=-2, axis2=-1)))
+        return None if self.covariance_E is None else _sigma(self.covariance_E)
+
+    @property
+    def naive_sigma_E(self) -> Array | None:
+        """Standard deviations about E's axes (..., 3), rad, as the method's own equations have them."""
+        return None if self.naive_covariance_E is None else _sigma(self.naive_covariance_E)
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What the method has to tell of one run beyond its answer, in sentences."""
+        """Sentences about one run that belong into the message of a calibration."""
         return ()
+
+    def describe(self) -> tuple[str, ...]:
+        """Short sentences about one run for a comparison of methods: its notes, or why it must not be used."""
+        status = Status(int(self.status))
+        return self.notes if status.usable else (status.text,)
+
+
+def _sigma(covariance: Array) -> Array:
+    return np.asarray(np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1)))
+
+
+IGNORES_PRIOR = "does not use the prior knowledge of the mounting"
+
+
+def without_prior(observations: Observations, *notes: str) -> tuple[str, ...]:
+    """Notes of a method that takes no prior, with a sentence about it where there is one."""
+    return notes if observations.prior_E is None else (*notes, IGNORES_PRIOR)
 
 
 class Estimator(Protocol):

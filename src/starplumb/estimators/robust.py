@@ -13,9 +13,9 @@ from ..solve.portions import Tested
 from ..solve.reliability import NOISE, excess
 from ..table.observations import Observations
 from .consensus import Consensus, Directions, cluster, consensus, own_covariance
-from .fit import Fit
+from .fit import Fit, State, Unknowns
+from .gls import Gls
 from .protocol import AlignmentEstimate, Status, Verdict
-from .selfcal import SelfCalibration, State
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -47,7 +47,7 @@ class Robust:
     chance, or as many images are called wrong as are kept, the estimate is ``NOT_CONVERGED``.
     """
 
-    calibration: SelfCalibration = field(default_factory=SelfCalibration)
+    gls: Gls = field(default_factory=Gls)
     alpha: float = 1e-3
     alpha_group: float = 1e-4
     seed: int = 0
@@ -76,20 +76,32 @@ class _Search:
     C_EK_model: Array
 
     @property
+    def unknowns(self) -> Unknowns:
+        return self.options.gls.unknowns
+
+    @property
     def seen(self) -> Mask:
         return np.asarray(self.o.weight > 0.0)
 
     def failed(self) -> AlignmentEstimate:
         """No alignment on which enough sightings agree: the plain estimate, marked as not to be used."""
-        plain = self.options.calibration(self.o, self.C_EK_model)
+        plain = self.options.gls(self.o, self.C_EK_model)
         usable = plain.status < int(Status.SINGULAR)
         status = np.where(usable, int(Status.NOT_CONVERGED), plain.status)
-        return replace(plain, status=status, verdict=np.zeros(self.o.n, dtype=np.int64))
+        return self.described(plain, status, np.zeros(self.o.n, dtype=np.int64))
+
+    def described(
+        self, estimate: AlignmentEstimate, status: NDArray[np.int64], verdict: NDArray[np.int64]
+    ) -> AlignmentEstimate:
+        """An estimate by gls as that of this method."""
+        left_out = int(np.sum(verdict != int(Verdict.USED)))
+        note = f"gls without the sightings that the others contradict: {left_out} left out"
+        return replace(estimate, status=status, verdict=verdict, notes=(note,))
 
     def at(self, state: State, used: Mask) -> Fit:
         """The adjustment of the sightings used at a state."""
         weighted = replace(self.o, weight=np.where(used, self.o.weight, 0.0))
-        return Fit(self.options.calibration, weighted, state, self.C_EK_model)
+        return Fit(self.unknowns, weighted, state, self.C_EK_model)
 
     def moved(self, state: State, used: Mask, steps: int) -> State:
         """After a few Gauss-Newton steps with the sightings used."""
@@ -98,24 +110,30 @@ class _Search:
         return state
 
     def expected(self) -> Array:
-        """Standard deviations (p,) of the further parameters before anything is estimated."""
-        calibration = self.options.calibration
-        sigma = np.where(np.isfinite(calibration.sigma), calibration.sigma, LIKELY * calibration.range)
-        return np.asarray(sigma, dtype=np.float64)
+        """Standard deviations (p + c,) of the further parameters before anything is estimated, and of the common
+        errors."""
+        known = self.unknowns.sigma
+        sigma = np.where(np.isfinite(known), known, LIKELY * self.unknowns.range)
+        common = 0 if self.o.common_px is None else self.o.common_px.shape[-1]
+        return np.concatenate([sigma, np.ones(common)])
 
     def slack(self, C_EK: Array) -> Array | float:
-        """Angle (n,) by which the further parameters may move a sighting."""
-        p = len(self.options.calibration.names)
-        if p == 0:
+        """Angle (n,) by which the further parameters and the common errors may move a sighting.
+
+        They may move the two of a pair to opposite sides: root 2 times as far as errors of their own would.
+        """
+        expected = self.expected()
+        if expected.size == 0:
             return 0.0
-        angle, fit = np.empty(self.o.n), self.at(State(C_EK, np.zeros(p)), self.seen)
+        start = State(C_EK, np.zeros(len(self.unknowns.names)))
+        angle, fit = np.empty(self.o.n), self.at(start, self.seen)
         for rows, (_, model, A) in fit.parts():
-            moved = model.B @ (A[..., 3 : 3 + p] * self.expected())
-            angle[rows] = np.sqrt(np.sum(moved**2, axis=(-2, -1)))
+            moved = model.B @ (A[..., 3:] * expected)
+            angle[rows] = np.sqrt(2.0 * np.sum(moved**2, axis=(-2, -1)))
         return angle
 
     def refine(self, found: Consensus) -> AlignmentEstimate:
-        state = State(found.C_EK, np.zeros(len(self.options.calibration.names)))
+        state = State(found.C_EK, np.zeros(len(self.unknowns.names)))
         for _ in range(2):
             used = self._clusters(state, found)
             state = self.moved(state, used, 2)
@@ -140,7 +158,7 @@ class _Search:
         return kept
 
     def _uncertainty(self, found: Consensus) -> Array:
-        """Standard deviations (3 + p,) of a state found by consensus: what may still bend the residuals of an image."""
+        """Standard deviations (3 + p + c,) of a state found by consensus, which may still bend an image's residuals."""
         d = Directions.of(self.o.select(found.agree), 0.0)
         centred = d.e_K - np.mean(d.e_K, axis=0)
         radius = np.sqrt(np.mean(np.sum(centred**2, axis=-1)))
@@ -256,8 +274,8 @@ class _Search:
         if wrong and wrong >= np.unique(self.o.image[used]).size:
             return self.failed()  # as many images say one thing as say another
         kept = replace(self.o, weight=np.where(used, self.o.weight, 0.0))
-        estimate = self.options.calibration.estimate(kept, self.C_EK_model, state)
-        return replace(estimate, verdict=verdict)
+        estimate = self.options.gls.estimate(kept, self.C_EK_model, state)
+        return self.described(estimate, estimate.status, verdict)
 
 
 def members(image: NDArray[np.int64], chosen: Mask) -> Iterator[NDArray[np.int64]]:
@@ -287,4 +305,4 @@ def stack(runs: list[AlignmentEstimate], batch: tuple[int, ...]) -> AlignmentEst
     if parameters is not None:
         vectors = [run.parameters for run in runs]
         parameters = replace(parameters, **gathered(vectors, "values", "covariance", "information"))
-    return AlignmentEstimate(**gathered(runs, *names), parameters=parameters)
+    return replace(runs[0], **gathered(runs, *names), parameters=parameters)

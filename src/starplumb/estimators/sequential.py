@@ -15,14 +15,16 @@ from ..physics.errors import InputError
 from ..solve.adjustment import Adjustment, solve
 from ..table.equation import linearise
 from ..table.observations import Observations
-from .gls import SINGULAR_SIGMA
-from .protocol import AlignmentEstimate, Status
+from .protocol import AlignmentEstimate
+from .usable import determined, status_of
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 ANY_ROTATION = np.pi
 """Sigma, rad, of a mounting of which nothing is known: no rotation is larger."""
+SETTLED = 1.0
+"""Length, in sigmas, of what the last pass may move the answer: what a further one would then move is far less."""
 LOCAL_STEPS = 3
 """Linearisations of an image as it comes in: from 1 deg off the third is at rounding."""
 
@@ -67,6 +69,8 @@ class Sequential:
     model mounting, by default the table's ``prior_E``, or none.  Images come in the order of ``epoch_s``,
     which a drift needs, else of their index.
 
+    An answer that the last of several passes still moves by more than its sigma has not converged.
+
     Sign and frame are ours throughout. The estimate is the mounting at the last image.
     """
 
@@ -80,20 +84,22 @@ class Sequential:
             raise InputError(f"passes: found {self.passes}, wanted 1 or more")
         batch = np.broadcast_shapes(o.batch, C_EK.shape[:-2])
         C_EK = np.broadcast_to(C_EK, (*batch, 3, 3))
-        reference: Array | None = None
+        reference, moved = None, np.zeros((*batch, 3))
         for _ in range(self.passes):
             state, chi2 = self._start(o, C_EK), np.zeros(batch)
             for after, cost in self._images(o, state, reference):
                 state, chi2 = after, chi2 + cost
+            moved = np.zeros((*batch, 3)) if reference is None else so3.log(state.C_EK @ reference.mT)
             reference = state.C_EK
         P = state.covariance_E
-        known = np.trace(P, axis1=-2, axis2=-1) < SINGULAR_SIGMA**2
-        status = np.where(known, int(Status.OK), int(Status.SINGULAR))
-        status[known & ~np.isfinite(chi2)] = int(Status.NOT_CONVERGED)
+        known = determined(P)
+        settled = np.sum(moved * np.linalg.solve(P, moved[..., None])[..., 0], axis=-1) < SETTLED**2
+        status = status_of(o, state.C_EK, determined=known, converged=settled, chi2=chi2)
         seen = np.broadcast_to(np.sum(o.weight > 0.0, axis=-1), batch)
         dof = 2 * seen - (3 if self._prior(o) is None else 0)
         P = np.where(known[..., None, None], P, np.inf)
-        return AlignmentEstimate(state.C_EK, P, status, np.full(batch, self.passes), chi2, dof)
+        notes = ("image after image; the same as gls while the mounting does not drift",)
+        return AlignmentEstimate(state.C_EK, P, status, np.full(batch, self.passes), chi2, dof, notes=notes)
 
     def track(self, observations: Observations, C_EK: Array) -> Iterator[State]:
         """The state after each image in time order, as in flight (one pass)."""

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..table.observations import Observations
-from .protocol import AlignmentEstimate, Status
+from .protocol import AlignmentEstimate, without_prior
+from .usable import status_of
 
 Array = NDArray[np.float64]
 
@@ -32,5 +33,10 @@ class Wahba:
         U = U * np.stack([np.ones_like(sign), np.ones_like(sign), sign], axis=-1)[..., None, :]
         # two directions fix the rotation: the second singular value measures how far apart they are (rad^2, times n)
         singular = S[..., 1] + sign * S[..., 2] <= 1e-15 * S[..., 0]
-        status = np.where(singular, int(Status.SINGULAR), int(Status.OK))
-        return AlignmentEstimate(U @ Vt, None, status, np.ones_like(status))
+        C = U @ Vt
+        status = status_of(observations, C, determined=~singular)
+        notes = without_prior(
+            observations,
+            "closed form, any initial error; all sightings weigh the same; states no sigma",
+        )
+        return AlignmentEstimate(C, None, status, np.ones_like(status), notes=notes)

@@ -13,11 +13,11 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from ..estimators.fit import Fit, State, Unknowns
 from ..estimators.protocol import Status
 from ..estimators.robust import Robust
-from ..estimators.selfcal import SelfCalibration, State
 from ..physics.units import DEG
-from ..solve.reliability import excess, reliability
+from ..solve.reliability import excess
 from ..table.campaign import Campaign, Detections, Sightings
 from ..table.observations import Observations
 from .placement import Candidates, place
@@ -90,9 +90,8 @@ def _assign(campaign: Campaign, c: Candidates, count: int, C: Array) -> Labels:
         if not Status(int(estimate.status)).usable:
             return Labels(*_nothing(count), campaign.C_EK, "the labels found contradict each other")
         weight = np.where(used & (estimate.verdict == 0), 1.0, 0.0)
-        calibration = SelfCalibration()
-        problem = calibration.problem(replace(table, weight=weight), State(estimate.C_EK, np.zeros(0)), C)
-        tested = reliability(problem.observations, problem.model, problem.A, problem.prior)
+        state = State(estimate.C_EK, np.zeros(0))
+        tested = Fit(Unknowns(), replace(table, weight=weight), state, C).tested()
         if tested is None:
             return Labels(*_nothing(count), campaign.C_EK, "the labels found do not determine the alignment")
         T = excess(tested, used, 1e-3, 1e-4)[0]

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ..estimators.fit import Unknowns
 from ..estimators.gls import Gls
 from ..estimators.protocol import AlignmentEstimate, Estimator, Status, Verdict
-from ..estimators.selfcal import SelfCalibration
 from ..estimators.wahba import Wahba
 from ..physics import so3
 from ..physics.errors import InputError
@@ -22,16 +22,16 @@ from .files.evidence import Evidence
 from .files.findings import findings_of_files
 from .files.sharing import shared
 from .residuals import Accuracy, Residuals, residuals
-from .separability import UNKNOWN, Combination, combinations, ruins_alignment, unimproved
-from .snooping import Rejection, Snooping, calibration_of, fit_at, rejections, snoop
+from .separability import UNKNOWN, Combination, combinations, ruins_alignment, without_gain
+from .snooping import Rejection, Snooping, fit_at, recognised, rejections, snoop
 
 Array = NDArray[np.float64]
 
 PRIOR = "what was known before"
 """Name of what a prior contributes to a covariance."""
 UNTESTED = (
-    "sightings, images and landmarks are not tested one by one: they are too many, and too closely woven together, "
-    "for their residuals' covariances to be had"
+    "sightings, images and landmarks are not tested one by one: too many images share too many landmarks for the "
+    "covariances of their residuals to be computed in reasonable time"
 )
 
 
@@ -106,17 +106,21 @@ def calibrate(campaign: Campaign, estimator: Estimator) -> Calibration:
     if estimate.verdict is not None:
         verdict[used] = estimate.verdict
         used = used & (verdict == int(Verdict.USED))
-    calibration = calibration_of(estimator)
-    fit = fit_at(calibration or SelfCalibration(), observations, campaign.C_EK, estimate, used)
     usable = Status(int(estimate.status)).usable
-    snooping = snoop(fit, estimate) if calibration and usable else None
-    status, sentences, notices = _judge(_kept(observations, used), campaign.C_EK, estimate, calibration)
+    unknowns = estimate.unknowns or Unknowns()
+    fit = fit_at(unknowns, observations, campaign.C_EK, estimate, used)
+    if usable:
+        estimate = recognised(fit, estimate)
+    tested = usable and estimate.unknowns is not None
+    snooping = snoop(fit, estimate) if tested else None
+    again = Gls(unknowns.parameters, compiled=unknowns.compiled)
+    status, sentences, notices = _judge(_kept(observations, used), campaign.C_EK, estimate, again)
     traded = tuple(combinations(observations, estimate))
     status, sentences = _separated(status, sentences, traded)
-    told = [] if estimate.parameters is None else unimproved(estimate.parameters)
-    if calibration and usable and snooping is None:
-        told = [*told, UNTESTED]
-    sentences = (*sentences, *told, *estimate.remarks)
+    further = [] if estimate.parameters is None else without_gain(estimate.parameters)
+    if tested and snooping is None:
+        further = [*further, UNTESTED]
+    sentences = (*sentences, *further, *estimate.remarks)
     evidence = _evidence(campaign, observations, estimate, used)
     if evidence and Status(int(status)).usable:
         weak = any(found.weakens or found.refuses for found in evidence)
@@ -165,13 +169,13 @@ def _separated(
 
 
 def _judge(
-    kept: Observations, C_EK_model: Array, estimate: AlignmentEstimate, calibration: SelfCalibration | None
+    kept: Observations, C_EK_model: Array, estimate: AlignmentEstimate, again: Estimator
 ) -> tuple[Status, tuple[str, ...], tuple[str, ...]]:
     """Status, sentences and notices of an estimate once the consistency checks have spoken."""
     own = Status(int(estimate.status))
     if not own.usable:
         return own, (own.text,), ()
-    found = findings(kept, C_EK_model, estimate, calibration or Gls())
+    found = findings(kept, C_EK_model, estimate, again)
     weak = own is Status.WEAK or any(finding.weakens for finding in found)
     said, recorded = (tuple(f.sentence for f in found if f.informs is informs) for informs in (False, True))
     return Status.WEAK if weak else Status.OK, said, recorded
@@ -192,5 +196,5 @@ def shares(calibration: Calibration) -> Mapping[str, Array]:
 def _has_prior(c: Calibration) -> bool:
     """Whether something of the mounting or of the other parameters was known before."""
     parameters = c.estimate.parameters
-    told = parameters is not None and bool(np.any(np.isfinite(parameters.prior_sigma)))
-    return c.campaign.sigma_mounting is not None or told
+    known = parameters is not None and bool(np.any(np.isfinite(parameters.prior_sigma)))
+    return c.campaign.sigma_mounting is not None or known

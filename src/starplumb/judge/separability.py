@@ -18,13 +18,13 @@ from ..table.observations import Observations
 
 Array = NDArray[np.float64]
 
-TOLD = 10.0
+WORTH_SAYING = 10.0
 """Growth of a sigma by another unknown from which it is worth saying."""
 UNKNOWN = 30.0
 """Growth from which a member of the combination is no longer reported as known: small model errors then decide."""
 HOPELESS = 1000.0
 """Growth from which an alignment that takes part must not be used."""
-UNIMPROVED = 0.95
+NO_GAIN = 0.95
 """Share of its prior sigma above which a parameter has gained nothing from the data."""
 MEMBER = 0.3
 """Share of the largest component from which a quantity belongs to a combination."""
@@ -73,7 +73,7 @@ def flight_axes(o: Observations, C_EK: Array) -> Array:
 
 
 def combinations(o: Observations, estimate: AlignmentEstimate) -> list[Combination]:
-    """Combinations worth telling, the worst first (no batch axes); none without further parameters."""
+    """Combinations worth saying, the worst first (no batch axes); none without further parameters."""
     p = estimate.parameters
     if p is None or not np.all(np.isfinite(p.covariance)):
         return []
@@ -82,11 +82,11 @@ def combinations(o: Observations, estimate: AlignmentEstimate) -> list[Combinati
     N = turn.mT @ np.linalg.inv(p.covariance) @ turn
     alone = 1.0 / np.sqrt(np.diagonal(N))
     values, vectors = np.linalg.eigh(N * alone[:, None] * alone[None, :])
-    words = [*TURNS, *(worded(name) for name in p.names)]
+    words = [*TURNS, *(in_words(name) for name in p.names)]
     found: list[Combination] = []
     for value, vector in zip(values, np.abs(vectors.mT), strict=True):
         growth = float(1.0 / np.sqrt(max(float(value), 1e-30)))
-        if growth >= TOLD:
+        if growth >= WORTH_SAYING:
             members = np.flatnonzero(vector >= MEMBER * np.max(vector))
             if any(np.array_equal(members, other.members) for other in found):
                 continue  # two directions of the same quantities: the worse one says it
@@ -94,7 +94,7 @@ def combinations(o: Observations, estimate: AlignmentEstimate) -> list[Combinati
     return found
 
 
-def worded(name: str) -> str:
+def in_words(name: str) -> str:
     """A parameter's name in words."""
     if name.startswith("tracker_"):
         return f"the mounting of tracker {name[8:-2]} about {name[-1]}"
@@ -103,18 +103,18 @@ def worded(name: str) -> str:
     return WORDS.get(name, f"the distortion {name}")
 
 
-def unimproved(p: ParameterVector) -> list[str]:
+def without_gain(p: ParameterVector) -> list[str]:
     """Sentences about parameters of which the data say no more than was known beforehand."""
     sigma = np.sqrt(np.diagonal(p.covariance)[3:])
     return [
-        f"the data say nothing new of {worded(name)}: its sigma is the one stated beforehand"
+        f"the data add nothing to what was known of {in_words(name)}: its sigma is the one stated beforehand"
         for name, new, old in zip(p.names, sigma, p.prior_sigma, strict=True)
-        if new > UNIMPROVED * old
+        if new > NO_GAIN * old
     ]
 
 
 def known(p: ParameterVector, found: list[Combination]) -> NDArray[np.bool_]:
-    """Which parameters (p,) may be reported: in no inseparable combination, and told by more than their range."""
+    """Which parameters (p,) may be reported: in no inseparable combination, and with a sigma well below its range."""
     sigma = np.sqrt(np.diagonal(p.covariance)[3:])
     good = sigma < 0.3 * p.range
     for combination in found:

@@ -19,11 +19,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..estimators.fit import Fit
-from ..estimators.gls import Gls
-from ..estimators.protocol import AlignmentEstimate, Estimator, Verdict
-from ..estimators.robust import Robust
-from ..estimators.selfcal import SelfCalibration, State
+from ..estimators.fit import Fit, State, Unknowns
+from ..estimators.gls import marginal, step_length
+from ..estimators.protocol import AlignmentEstimate, Verdict
+from ..estimators.usable import determined
 from ..physics.units import ARCSEC
 from ..solve.portions import Portion, Tested
 from ..solve.reliability import reliability
@@ -37,6 +36,8 @@ Mask = NDArray[np.bool_]
 
 DELTA_0 = 3.2905 + 0.8416
 """Shift of w that is found with 80 % power at the level 0.1 % (two-sided): 4.13."""
+SAME = 0.01
+"""Difference, in sigmas, of two answers and, relative, of two covariances up to which they are the same."""
 
 
 @dataclass(frozen=True)
@@ -76,22 +77,35 @@ class Snooping:
         return np.asarray(self.w / self.scale)
 
 
-def calibration_of(estimator: Estimator) -> SelfCalibration | None:
-    """The adjustment behind an estimator; None for one that does not weight the errors an image shares."""
-    if isinstance(estimator, Robust):
-        return estimator.calibration
-    if isinstance(estimator, Gls):
-        return SelfCalibration()
-    return estimator if isinstance(estimator, SelfCalibration) else None
-
-
 def fit_at(
-    calibration: SelfCalibration, o: Observations, C_EK_model: Array, estimate: AlignmentEstimate, used: Mask
+    unknowns: Unknowns, o: Observations, C_EK_model: Array, estimate: AlignmentEstimate, used: Mask
 ) -> Fit:
-    """The adjustment at an estimate, of the sightings used (n,)."""
-    values = np.zeros(0) if estimate.parameters is None else estimate.parameters.values
+    """The adjustment at an estimate, of the sightings used (n,); parameters it does not know are not applied."""
+    p = estimate.parameters
+    values = p.values if p is not None and p.names == unknowns.names else np.zeros(len(unknowns.names))
     weighted = o if np.all(used) else replace(o, weight=np.where(used, o.weight, 0.0))
-    return Fit(calibration, weighted, State(estimate.C_EK, values), C_EK_model)
+    return Fit(unknowns, weighted, State(estimate.C_EK, values), C_EK_model)
+
+
+def recognised(fit: Fit, estimate: AlignmentEstimate) -> AlignmentEstimate:
+    """An estimate (no batch axes) that says nothing of its adjustment, as that of the fit where answer and covariance
+    agree: with the fit's unknowns, and chi-square where it states none.
+
+    A gain that is not that of least squares does not carry an error of a sighting to the answer as the fit has it.
+    """
+    if estimate.unknowns is not None or estimate.parameters is not None or estimate.covariance_E is None:
+        return estimate
+    solution = fit.solve()
+    if not determined(solution.covariance[:3, :3]) or not step_length(solution, 3) < SAME:
+        return estimate
+    root = np.linalg.cholesky(marginal(solution.information, 3))  # N = L L^T: L^T P L is the identity
+    if not np.max(np.abs(root.mT @ estimate.covariance_E @ root - np.eye(3))) < SAME:
+        return estimate
+    if estimate.chi2 is None or estimate.degrees_of_freedom is None:
+        o = fit.table
+        dof = np.asarray(2 * np.sum(o.weight > 0.0) - 3 * (o.prior_E is None))
+        estimate = replace(estimate, chi2=solution.chi2, degrees_of_freedom=dof)
+    return replace(estimate, unknowns=fit.unknowns)
 
 
 def snoop(fit: Fit, estimate: AlignmentEstimate) -> Snooping | None:

@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 from ..estimators.gls import Gls
 from ..estimators.protocol import AlignmentEstimate, Estimator, Status, Verdict
 from ..estimators.robust import Robust
-from ..estimators.selfcal import SelfCalibration
 from ..estimators.wahba import Wahba
 from ..physics import so3
 from ..physics.errors import InputError
@@ -150,7 +149,7 @@ def calibrated(campaign: Campaign, undone: tuple[Mistake, ...]) -> Trial:
 
 
 def _estimator(free: tuple[Parameter, ...]) -> Estimator:
-    return SelfCalibration(free, max_iterations=ITERATIONS) if free else Gls(max_iterations=ITERATIONS)
+    return Gls(free, max_iterations=ITERATIONS)
 
 
 def _judged(

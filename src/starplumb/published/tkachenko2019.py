@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..estimators.gls import Gls, adjust
+from ..estimators.gls import Gls, covariance_at
 from ..estimators.protocol import Estimator
 from ..estimators.published.least_squares import LeastSquares
 from ..estimators.published.observer import Observer
@@ -72,7 +72,7 @@ def by_method(estimator: Estimator, runs: Runs, size: int) -> Recomputed:
 
 def bound(runs: Runs) -> Recomputed:
     """Cramer-Rao: no unbiased estimate of these measurements has smaller standard deviations (mean over the runs)."""
-    covariance = adjust(runs.observations, runs.C_EK_true, runs.C_EK_true).covariance
+    covariance = covariance_at(runs.observations, runs.C_EK_true)
     sigma = np.sqrt(np.mean(np.diagonal(covariance, axis1=-2, axis2=-1), axis=0)) / ARCSEC
     return Recomputed.exact(np.concatenate([np.full(3, np.nan), sigma]))
 

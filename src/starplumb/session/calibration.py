@@ -79,8 +79,8 @@ def estimator_of(method: str | Estimator, estimate: Sequence[str], campaign: Phy
 
     Raises InputError for an unknown method or parameter.
     """
+    from ..estimators.gls import Gls
     from ..estimators.robust import Robust
-    from ..estimators.selfcal import SelfCalibration
     from ..table.parameter_names import parameters
 
     wanted = [name.strip() for text in estimate for name in text.split(",") if name.strip()]
@@ -98,8 +98,8 @@ def estimator_of(method: str | Estimator, estimate: Sequence[str], campaign: Phy
         raise ArgumentError(
             "estimate", f"found with the method {method}, wanted {' or '.join(WITH_PARAMETERS)}"
         )
-    calibration = SelfCalibration(parameters(wanted, campaign))
-    return Robust(calibration) if method == "robust" else calibration
+    gls = Gls(parameters(wanted, campaign))
+    return Robust(gls) if method == "robust" else gls
 
 
 def estimators_of(methods: Sequence[str] | str) -> Mapping[str, Estimator]:

@@ -18,7 +18,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..estimators.gls import Gls, adjust
+from ..estimators.fit import Unknowns
+from ..estimators.gls import covariance_at
 from ..estimators.protocol import Estimator
 from ..physics import so3
 from ..plan.bound import Linear, effects, fits
@@ -77,15 +78,16 @@ class Budget:
 def budget(scenario: Scenario, estimator: Estimator) -> Budget:
     """The budget of an estimator at the truth; blunders are left out, they are not noise.
 
-    ``gls`` is taken from its dense gain, any other estimator from its response to a unit draw of each source.
+    An answer that is that of generalised least squares is taken from its dense gain, any other from the estimator's
+    response to a unit draw of each source.
     """
     sources = [source for source in scenario.sources if not source.is_blunder]
-    if isinstance(estimator, Gls) and fits(scenario):
+    at_the_truth = estimator(scenario.stated, scenario.C_EK_true)
+    if at_the_truth.unknowns == Unknowns() and fits(scenario):
         gain = Linear(scenario, scenario.stated_sources).gain
         responses = [effect.through(gain) for effect in effects(scenario, sources)]
     else:
         responses = [response(scenario, estimator, source) for source in sources]
-    stated = estimator(scenario.stated, scenario.C_EK_true).covariance_E
     parts = [
         (source, component, R[..., source.component == component])
         for source, R in zip(sources, responses, strict=True)
@@ -94,7 +96,7 @@ def budget(scenario: Scenario, estimator: Estimator) -> Budget:
     covariances = [np.einsum("agq,bgq->ab", R, R) for _, _, R in parts]
     total = np.sum(covariances, axis=0)
     shares = (_share(s, k, part, total) for (s, k, _), part in zip(parts, covariances, strict=True))
-    return Budget(total, stated, tuple(shares))
+    return Budget(total, at_the_truth.covariance_E, tuple(shares))
 
 
 def _share(source: Source, component: int, part: Array, total: Array) -> Share:
@@ -151,7 +153,7 @@ def requirements(scenario: Scenario, target: float) -> tuple[Requirement, ...]:
 def _requirement(scenario: Scenario, sources: tuple[Source, ...], i: int, target: float) -> Requirement:
     def sigma(factor: float) -> Array:
         told = scenario.told((*sources[:i], sources[i].scaled(factor), *sources[i + 1 :]))
-        covariance = adjust(told, scenario.C_EK_true, scenario.C_EK_true).covariance
+        covariance = covariance_at(told, scenario.C_EK_true)
         return np.asarray(np.sqrt(np.diagonal(covariance)))
 
     now, least = sigma(1.0), sigma(SMALLEST_FACTOR)

@@ -18,21 +18,51 @@ from numpy.typing import NDArray
 
 from ...physics import so3
 from ...physics.errors import InputError
+from ...physics.units import ARCMIN, ARCSEC
 from ...table.equation import linearise
 from ...table.observations import Observations
-from ..gls import SINGULAR_SIGMA
-from ..protocol import AlignmentEstimate, Status
+from ..protocol import AlignmentEstimate, Status, without_prior
+from ..usable import determined, status_of
 
 Array = NDArray[np.float64]
 Bool = NDArray[np.bool_]
 CovarianceKind = Literal["stated", "naive", "none"]
-"""``stated``: every stated error through the method's own gain.  ``naive``: what the textbook gives, the
-equations independent and as noisy as their residuals.  ``none``: not computed (twice as fast)."""
+"""``stated``: every stated error through the method's own gain, and beside it as ``naive_covariance_E`` what the
+textbook gives, the equations independent and as noisy as their residuals.  ``naive``: the latter in its place.
+``none``: not computed (twice as fast)."""
 
 SOURCE_AXES = np.array([1.0, -1.0, -1.0])
 """Diagonal of the turn by pi about x from our K (z ahead) to the sources' camera, ``s = [x, y, -F]``."""
 STEP_LIMIT = 0.5
 """A last step beyond this, rad, is none that a linearisation can vouch for."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LinearEstimate(AlignmentEstimate):
+    """An estimate by linear steps from ``C_EK_model`` (..., 3, 3)."""
+
+    C_EK_model: Array
+
+    @property
+    def bias(self) -> Array:
+        """Size (...) of ``1/2 theta_z (z x theta)``, rad: by what a linear step in a narrow field misses the answer."""
+        z_E, theta_E = self.C_EK[..., :, 2], so3.log(self.C_EK_model @ self.C_EK.mT)
+        return np.asarray(
+            np.linalg.norm(0.5 * np.vecdot(z_E, theta_E)[..., None] * np.cross(z_E, theta_E), axis=-1)
+        )
+
+    def describe(self) -> tuple[str, ...]:
+        """How the initial error bears on the answer, then the notes."""
+        if not Status(int(self.status)).usable:
+            return super().describe()
+        theta = float(np.linalg.norm(so3.log(self.C_EK_model @ self.C_EK.mT))) / ARCMIN
+        steps = int(self.iterations)
+        if steps > 1:
+            step = f"{steps} linear steps: re-linearised, no bias at this initial error ({theta:.3g} arcmin)"
+        else:
+            bias = f"{float(self.bias) / ARCSEC:.2g} arcsec"
+            step = f"one linear step: biased by up to {bias} at this initial error ({theta:.3g} arcmin)"
+        return (step, *self.notes)
 
 
 @dataclass(frozen=True)
@@ -128,12 +158,11 @@ def direction_slope(xy_K: Array, e_K: Array) -> Array:
 
 def estimate(
     method: Method, observations: Observations, C_EK: Array, iterations: int, covariance: CovarianceKind
-) -> AlignmentEstimate:
+) -> LinearEstimate:
     """Linear steps of a method, each about the mounting that the last corrected, ``C <- exp(d_E) C``.
 
-    The covariance belongs to the last step, to first order in it.  Status: SINGULAR where the equations, or
-    by the covariance the observations, do not fix the alignment; NOT_CONVERGED where the last step is
-    beyond linearising or a marker ends up behind the camera.
+    The covariance belongs to the last step, to first order in it.  A last step beyond linearising counts as one that
+    has not converged.
     """
     if iterations < 1:
         raise InputError(f"iterations: found {iterations}, wanted 1 or more")
@@ -143,30 +172,31 @@ def estimate(
         theta, inverse, singular = Normal.of(equations, observations.weight).solve()
         d_E = (equations.T @ theta[..., None])[..., 0]
         C = so3.exp(d_E) @ C_before
-    settled = (np.sum(d_E * d_E, axis=-1) < STEP_LIMIT**2) & in_front(observations, C)
-    status = np.where(settled, int(Status.OK), int(Status.NOT_CONVERGED))
-    P = None
+    P, naive, known = None, None, ~singular
     if covariance == "stated":
         P = propagate(observations, C_before, gains(equations, inverse, observations.weight))
-    elif covariance == "naive":
-        P = _naive(equations, theta, inverse, observations.weight)
-    if P is not None:
-        singular = singular | ~(np.trace(P, axis1=-2, axis2=-1) < SINGULAR_SIGMA**2)
-        P = np.where(singular[..., None, None], np.inf, P)
-    status[singular] = int(Status.SINGULAR)
-    return AlignmentEstimate(C, P, status, np.full(status.shape, iterations))
+    if covariance != "none":
+        naive = _naive(equations, theta, inverse, observations.weight)
+        P = naive if P is None else P
+        known = known & determined(P)
+        P = np.where(known[..., None, None], P, np.inf)
+    settled = np.sum(d_E * d_E, axis=-1) < STEP_LIMIT**2
+    status = status_of(observations, C, determined=known, converged=settled)
+    return LinearEstimate(
+        C_EK=C,
+        covariance_E=P,
+        status=status,
+        iterations=np.full(status.shape, iterations),
+        naive_covariance_E=naive,
+        notes=without_prior(observations, "its weights ignore that an image's markers share errors"),
+        C_EK_model=np.broadcast_to(C_EK, C.shape),
+    )
 
 
 def gains(equations: Equations, inverse: Array, weight: Array) -> Array:
     """d d_E / dF of every sighting, (..., n, 3, 2): ``w T N^-1 G^T S``."""
     TN = equations.T @ inverse
     return np.asarray(weight[..., None, None] * (TN[..., None, :, :] @ (equations.G.mT @ equations.S)))
-
-
-def in_front(observations: Observations, C_EK: Array) -> Bool:
-    """Whether every marker seen lies ahead of the camera (...)."""
-    depth = (observations.e_E @ C_EK[..., :, 2:])[..., 0]
-    return np.asarray(np.all((depth > 0.0) | (observations.weight == 0.0), axis=-1))
 
 
 def propagate(observations: Observations, C_EK: Array, gain: Array) -> Array:

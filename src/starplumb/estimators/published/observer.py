@@ -15,7 +15,8 @@ from ...physics.units import ARCSEC
 from ...table.equation import predict
 from ...table.observations import Observations
 from ...table.simulate import Errors, measure
-from ..protocol import AlignmentEstimate, Status
+from ..protocol import AlignmentEstimate, Status, without_prior
+from ..usable import status_of
 from .observer_rows import SIGHTING_ROWS, STATE_ROWS, Parameters, runner
 
 Array = NDArray[np.float64]
@@ -59,6 +60,14 @@ class ObserverEstimate(AlignmentEstimate):
     def remarks(self) -> tuple[str, ...]:
         """How large the initial error was, whether the estimate has settled, and when."""
         return tuple(describe(self))
+
+    def describe(self) -> tuple[str, ...]:
+        """Its notes, and when it settled."""
+        if not Status(int(self.status)).usable:
+            return super().describe()
+        cycles = int(self.cycles_needed)
+        settled = f"settled by cycle {cycles}" if cycles else "had not settled after its last cycle"
+        return (*self.notes, settled)
 
     @property
     def cycles_needed(self) -> NDArray[np.int64]:
@@ -143,11 +152,12 @@ class Observer:
         trace = np.empty((1 + self.cycles, 4, *batch))
         steps = trace.reshape(1 + self.cycles, 4, -1)
         run = runner(self.factorised, self.compiled)
-        # the very first equation is a run of one cycle over one sighting
-        run(flat[: STATE_ROWS + SIGHTING_ROWS], 1, self.parameters, steps[:1])
-        run(flat, self.cycles, self.parameters, steps[1:])
+        with np.errstate(over="ignore", invalid="ignore"):  # what diverges is said by the status
+            # the very first equation is a run of one cycle over one sighting
+            run(flat[: STATE_ROWS + SIGHTING_ROWS], 1, self.parameters, steps[:1])
+            run(flat, self.cycles, self.parameters, steps[1:])
         C = so3.from_quaternion(np.moveaxis(trace[-1], 0, -1))
-        status = self._status(rows, trace)
+        status = self._status(observations, C, rows, trace)
         model = np.broadcast_to(C_EK, C.shape)
         covariance = self._covariance(observations, C, model) if self.covariance_draws else None
         return ObserverEstimate(
@@ -155,6 +165,10 @@ class Observer:
             covariance_E=covariance,
             status=status,
             iterations=np.full(batch, self.cycles),
+            notes=without_prior(
+                observations,
+                "tuned, not weighed by the stated errors; its P is no covariance, so it states no sigma",
+            ),
             trace_xyzw=trace,
             C_EK_model=model,
             settle=self.settle,
@@ -187,18 +201,16 @@ class Observer:
         """Sightings image by image."""
         return np.argsort(o.image, kind="stable")
 
-    def _status(self, rows: Array, trace: Array) -> NDArray[np.int64]:
+    def _status(self, o: Observations, C: Array, rows: Array, trace: Array) -> NDArray[np.int64]:
         """SINGULAR where all markers lie in one direction, WEAK where the last cycle still moved the estimate."""
         e = rows[STATE_ROWS:].reshape(-1, SIGHTING_ROWS, *rows.shape[1:])[:, 3:6]
         number = np.maximum(np.sum(e * e, axis=(0, 1)), 1.0)
         spread = number - np.sum(np.sum(e, axis=0) ** 2, axis=0) / number
-        status = np.full(rows.shape[1:], int(Status.OK))
+        status = status_of(o, C, determined=spread > ONE_DIRECTION * number)
         if self.cycles > 1:
             # half the sine of the change's half angle is |q - q'| to third order
             moved = 2.0 * np.linalg.norm(trace[-1] - trace[-2], axis=0)
-            status[~(moved < self.settle)] = int(Status.WEAK)
-        status[~np.isfinite(np.sum(trace[-1], axis=0))] = int(Status.NOT_CONVERGED)
-        status[~(spread > ONE_DIRECTION * number)] = int(Status.SINGULAR)
+            status[(status == int(Status.OK)) & ~(moved < self.settle)] = int(Status.WEAK)
         return status
 
     def _covariance(self, o: Observations, C: Array, C_EK_model: Array) -> Array:

@@ -12,9 +12,9 @@ from ...physics import so3
 from ...physics.earth import C_JT, itrf_to_geodetic
 from ...physics.errors import InputError
 from ...table.observations import Observations
-from ..gls import SINGULAR_SIGMA
-from ..protocol import AlignmentEstimate, Status
-from .linear_steps import SOURCE_AXES, propagate
+from ..protocol import AlignmentEstimate, Status, without_prior
+from ..usable import determined, status_of
+from .linear_steps import SOURCE_AXES, STEP_LIMIT, propagate
 
 Array = NDArray[np.float64]
 Bool = NDArray[np.bool_]
@@ -33,6 +33,12 @@ class ProjectiveEstimate(AlignmentEstimate):
     """Also where each image was taken from: ``r_J`` (..., m, 3) m, NaN for one that was left out."""
 
     r_J: Array
+
+    def describe(self) -> tuple[str, ...]:
+        """Its notes, or that the campaign has no image fit for it."""
+        if int(self.status) == Status.SINGULAR:
+            return ("not applicable: no image has four markers well apart and off a line",)
+        return super().describe()
 
 
 @dataclass(frozen=True)
@@ -77,16 +83,18 @@ class Projective:
                 for image in range(o.n_images)
                 if (rows := np.flatnonzero(o.image == image)).size >= MIN_MARKERS
             ]
-            d_E, gain, solved = _combine(fits, o, batch)
+            d_E, gain, solved, apart = _combine(fits, o, batch)
             C_before, C = C, so3.exp(d_E) @ C
         P = propagate(o, C_before, gain)
-        known = solved & (np.trace(P, axis1=-2, axis2=-1) < SINGULAR_SIGMA**2)
-        status = np.where(known, int(Status.OK), int(Status.SINGULAR))
+        known = solved & determined(P)
+        settled = (np.sum(d_E * d_E, axis=-1) < STEP_LIMIT**2) & (apart < STEP_LIMIT)
+        status = status_of(o, C, determined=known, converged=settled)
         r_J = np.full((*batch, o.n_images, 3), np.nan)
         for fit in fits:
             r_J[..., fit.image, :] = np.where(fit.solved[..., None], fit.r_J, np.nan)
         P = np.where(known[..., None, None], P, np.inf)
-        return ProjectiveEstimate(C, P, status, np.full(batch, self.iterations), r_J=r_J)
+        notes = without_prior(o, "uses no orbit: tilt trades against position", "each image by itself")
+        return ProjectiveEstimate(C, P, status, np.full(batch, self.iterations), notes=notes, r_J=r_J)
 
     def _fit(self, o: Observations, C_EK: Array, image: int, rows: Index) -> _Fit:
         """One image: the projective map, its decomposition and the gain of its correction."""
@@ -217,8 +225,9 @@ def _by_sighting(gain: Array) -> Array:
     return np.moveaxis(gain.reshape(*gain.shape[:-1], -1, 2), -2, -3)
 
 
-def _combine(fits: list[_Fit], o: Observations, batch: tuple[int, ...]) -> tuple[Array, Array, Bool]:
-    """Weighted mean of the images' corrections (..., 3), its gain (..., n, 3, 2), and where there is one."""
+def _combine(fits: list[_Fit], o: Observations, batch: tuple[int, ...]) -> tuple[Array, Array, Bool, Array]:
+    """Weighted mean of the images' corrections (..., 3), its gain (..., n, 3, 2), where there is one, and how far
+    (..., rad) the image farthest from it is: a mean of rotation vectors is one of rotations that are close."""
     total, d_E = np.zeros(batch), np.zeros((*batch, 3))
     gain = np.zeros((*batch, o.n, 3, 2))
     for fit in fits:
@@ -228,4 +237,8 @@ def _combine(fits: list[_Fit], o: Observations, batch: tuple[int, ...]) -> tuple
         gain[..., fit.rows, :, :] = weight[..., None, None, None] * fit.gain
     solved = total > 0.0
     total = np.where(solved, total, 1.0)
-    return d_E / total[..., None], gain / total[..., None, None, None], solved
+    mean_E, apart = d_E / total[..., None], np.zeros(batch)
+    for fit in fits:
+        off = np.linalg.norm(fit.d_E - mean_E, axis=-1)
+        apart = np.maximum(apart, np.where(fit.solved, off, 0.0))
+    return mean_E, gain / total[..., None, None, None], solved, apart

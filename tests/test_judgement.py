@@ -1,0 +1,297 @@
+"""Where a judgement turns: hand-made numbers just below and just above each limit that the documentation states."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from problems import C_EK_TRUE, FRAME, truth
+from starplumb.estimators.fit import Fit, State, Unknowns
+from starplumb.estimators.gls import Gls
+from starplumb.estimators.protocol import AlignmentEstimate, ParameterVector, Status
+from starplumb.judge.calibrate import calibrate
+from starplumb.judge.consistency import findings
+from starplumb.judge.residuals import residuals
+from starplumb.judge.separability import combinations, flight_axes, known, ruins_alignment, without_gain
+from starplumb.physics.light import Corrections
+from starplumb.physics.units import ARCSEC
+from starplumb.plan import scene
+from starplumb.solve.reliability import Reliability
+from starplumb.table.geometry import observe
+from starplumb.table.observations import Observations
+from starplumb.table.simulate import Errors
+
+H = 600_000.0
+R = 6_378_137.0
+# metres east and north of the point below the camera, which stands over 0 N 0 E
+EAST = np.array([9e3, -8e3, 7e3, -6e3, 2e3])
+NORTH = np.array([5e3, 6e3, -9e3, -4e3, -1e3])
+
+
+def by_hand() -> Observations:
+    """Camera over 0 N 0 E at height H, x_K east, y_K south, z_K down; E is K. Up is x of J, east y, north z.
+
+    The marker (east, north) on the tangent plane lies at (-H, east, north) from the camera, so it appears at the
+    tangents (east/H, -north/H).
+    """
+    n = EAST.size
+    p_J = np.stack([np.full(n, R), EAST, NORTH], axis=-1)
+    r_J = np.tile([R + H, 0.0, 0.0], (n, 1))
+    C_EJ = np.tile([[0.0, 1.0, 0.0], [0.0, 0.0, -1.0], [-1.0, 0.0, 0.0]], (n, 1, 1))
+    range_m = np.sqrt(H**2 + EAST**2 + NORTH**2)
+    e_E = np.stack([EAST, -NORTH, np.full(n, H)], axis=-1) / range_m[:, None]
+    return Observations(
+        image=np.zeros(n, dtype=np.int64),
+        landmark=np.arange(n),
+        xy_K=np.stack([EAST / H, -NORTH / H], axis=-1),
+        slope_K=np.tile(4e-6 * np.eye(2), (n, 1, 1)),
+        line_period_s=np.zeros(n),
+        C_EJ=C_EJ,
+        omega_E=np.zeros((n, 3)),
+        r_J=r_J,
+        v_J=np.zeros((n, 3)),
+        p_J=p_J,
+        e_E=e_E,
+        row_rate_E=np.zeros((n, 3)),
+        range_m=range_m,
+        sigma_px=np.full(n, 0.1),
+        weight=np.ones(n),
+        cov_attitude_E=np.zeros((1, 3, 3)),
+        cov_position_J=np.zeros((1, 3, 3)),
+        cov_landmark_J=np.zeros((n, 3, 3)),
+        corrections=Corrections(False, False, False),
+    )
+
+
+def estimate_with(o: Observations, **changes: object) -> AlignmentEstimate:
+    return replace(Gls()(o, C_EK_TRUE), **changes)
+
+
+@pytest.fixture(scope="module")
+def table() -> Observations:
+    return observe(truth(FRAME, images=8, markers=8, tilt_deg=20.0, yaw_deg=180.0))
+
+
+@pytest.mark.parametrize(
+    ("p", "said", "weakens"),
+    [
+        (0.9e-4, "implausible (p", True),
+        (1.1e-4, None, None),
+        (1 - 1.1e-4, None, None),
+        (1 - 0.9e-4, "implausibly small", False),
+    ],
+)
+def test_a_chi_square_is_implausible_beyond_one_in_ten_thousand(table, p, said, weakens):
+    """On either side; too large weakens, too small is only said."""
+    chi2 = np.array(stats.chi2.isf(p, 125))
+    found = findings(
+        table, C_EK_TRUE, estimate_with(table, chi2=chi2, degrees_of_freedom=np.array(125)), Gls()
+    )
+    found = [f for f in found if "implausib" in f.sentence]
+    assert [f.weakens for f in found] == ([] if said is None else [weakens])
+    assert all(said in f.sentence for f in found)
+
+
+@pytest.mark.parametrize(
+    ("across_arcsec", "about_arcsec", "weak"),
+    [
+        (2.0, 39.0, False),
+        (2.0, 41.0, True),
+        (1.0, 29.0, False),
+        (1.0, 31.0, True),
+        (10.0, 190.0, False),
+        (10.0, 210.0, True),
+    ],
+)
+def test_the_angle_about_the_boresight_is_weak_where_20_times_worse_and_above_30_arcsec(
+    table, across_arcsec, about_arcsec, weak
+):
+    sigma = np.array([across_arcsec, 0.5 * across_arcsec, about_arcsec]) * ARCSEC
+    covariance_E = C_EK_TRUE @ np.diag(sigma**2) @ C_EK_TRUE.T
+    found = findings(table, C_EK_TRUE, estimate_with(table, covariance_E=covariance_E), Gls())
+    assert [f.weakens for f in found if "angle about the boresight" in f.sentence] == ([True] if weak else [])
+
+
+def test_nothing_left_over_is_said_and_does_not_weaken(table):
+    estimate = estimate_with(table, chi2=np.array(0.0), degrees_of_freedom=np.array(0))
+    found = [
+        f for f in findings(table, C_EK_TRUE, estimate, Gls()) if "no observation is left over" in f.sentence
+    ]
+    assert [f.weakens for f in found] == [False]
+
+
+def traded(growth: float, with_alignment: bool = True) -> tuple[AlignmentEstimate, Observations]:
+    """Two parameters beside an alignment known to 1", one of them traded against the roll (or the other parameter).
+
+    Two quantities of unit sigma alone whose information has the off-diagonal c trade with a growth of
+    1 / sqrt(1 - c): c = 1 - 1 / growth^2.
+    """
+    o = observe(truth(FRAME, images=2, markers=4))
+    # with an identity mounting, rows for no velocity: the axes of flight are those of E
+    o = replace(o, v_J=np.zeros_like(o.v_J))
+    c = 1.0 - growth**-2.0
+    N = np.eye(5)
+    i = 1 if with_alignment else 3  # x of flight is the camera's y axis where there is no track
+    N[i, 4] = N[4, i] = c
+    vector = ParameterVector(
+        names=("focal_length", "k1"),
+        values=np.zeros(2),
+        prior_sigma=np.full(2, np.inf),
+        range=np.full(2, 1e9),
+        covariance=np.linalg.inv(N),
+        information=N,
+    )
+    estimate = AlignmentEstimate(np.eye(3), np.eye(3), np.array(0), np.array(1), parameters=vector)
+    return estimate, o
+
+
+@pytest.mark.parametrize(
+    ("growth", "said", "reported", "ruined"),
+    [
+        (9.0, None, True, False),
+        (11.0, "can hardly separate", True, False),
+        (29.0, "can hardly separate", True, False),
+        (31.0, "cannot separate", False, False),
+        (990.0, "cannot separate", False, False),
+        (1010.0, "cannot separate", False, True),
+    ],
+)
+def test_a_combination_is_said_from_10_unknown_from_30_and_ruins_the_alignment_from_1000(
+    growth, said, reported, ruined
+):
+    estimate, o = traded(growth)
+    found = combinations(o, estimate)
+    assert [c.growth for c in found] == ([] if said is None else [pytest.approx(growth, rel=1e-3)])
+    for c in found:
+        assert said in c.sentence
+        assert c.names == ("the roll of the alignment", "the distortion k1")
+        assert ("none of them is reported as known" in c.sentence) is not reported
+    assert list(known(estimate.parameters, found)) == [True, reported]
+    assert ruins_alignment(found) is ruined
+
+
+def test_parameters_among_themselves_do_not_ruin_the_alignment():
+    estimate, o = traded(2000.0, with_alignment=False)
+    found = combinations(o, estimate)
+    assert found[0].names == ("the focal length", "the distortion k1")
+    assert not ruins_alignment(found)
+    assert not known(estimate.parameters, found).any()
+
+
+@pytest.mark.parametrize(("share", "members"), [(0.28, 2), (0.32, 3)])
+def test_a_quantity_with_less_than_three_tenths_of_the_largest_part_is_no_member(share, members):
+    """Information with unit diagonal whose weakest direction is (1, 1, share) by construction, of sigma 15."""
+    estimate, o = traded(15.0)
+    weakest = 15.0**-2.0
+    N = np.eye(5)
+    N[1, 4] = N[4, 1] = -(1.0 - weakest) * (1.0 - 0.5 * share**2)
+    for i in (1, 4):
+        N[i, 3] = N[3, i] = -0.5 * share * (1.0 - weakest)
+    vector = replace(estimate.parameters, covariance=np.linalg.inv(N), information=N)
+    found = combinations(o, replace(estimate, parameters=vector))
+    assert found[0].growth == pytest.approx(15.0)
+    assert len(found[0].members) == members
+
+
+@pytest.mark.parametrize(("sigma", "good"), [(0.29, True), (0.31, False)])
+def test_a_parameter_known_to_less_than_three_tenths_of_its_range_is_reported(sigma, good):
+    estimate, _ = traded(1.0001)
+    vector = replace(
+        estimate.parameters, range=np.array([1.0, 1e9]), covariance=np.diag([1, 1, 1, sigma**2, 1.0])
+    )
+    assert list(known(vector, [])) == [good, True]
+
+
+@pytest.mark.parametrize(("sigma", "said"), [(0.94, False), (0.96, True)])
+def test_a_parameter_that_hardly_gains_on_its_prior_is_said_to(sigma, said):
+    estimate, _ = traded(1.0001)
+    vector = replace(
+        estimate.parameters, prior_sigma=np.array([1.0, np.inf]), covariance=np.diag([1, 1, 1, sigma**2, 1.0])
+    )
+    assert [("the focal length" in sentence) for sentence in without_gain(vector)] == ([True] if said else [])
+
+
+@pytest.mark.parametrize(
+    ("growth", "status"),
+    [(25.0, Status.OK), (40.0, Status.WEAK), (900.0, Status.WEAK), (1500.0, Status.SINGULAR)],
+)
+def test_what_cannot_be_separated_decides_the_status(growth, status):
+    """An estimator that is content, with a covariance that is not: the campaign's status is that of the combination."""
+    campaign = truth(FRAME, images=8, markers=8, tilt_deg=20.0, yaw_deg=180.0)
+
+    def content(o, C_EK):
+        found = Gls()(o, C_EK)
+        vector, turn = traded(growth)[0].parameters, np.eye(5)
+        turn[:3, :3] = flight_axes(o, found.C_EK)
+        scale = np.array([ARCSEC] * 3 + [1.0, 1.0])
+        covariance = turn @ np.linalg.inv(swapped(growth)) @ turn.T * np.outer(scale, scale)
+        return replace(found, unknowns=None, parameters=replace(vector, covariance=covariance))
+
+    assert calibrate(campaign, content).status is status
+
+
+def swapped(growth: float) -> np.ndarray:
+    """Information of (roll, pitch, yaw, two parameters) in which the roll and the last trade."""
+    N = np.eye(5)
+    N[0, 4] = N[4, 0] = 1.0 - growth**-2.0
+    return N
+
+
+def reliability_of(**parts: np.ndarray) -> Reliability:
+    """One sighting, one image and no landmark seen twice, of which only ``parts`` matter."""
+    whole = {
+        "used": np.ones(1, dtype=bool),
+        "v": np.zeros((1, 2)),
+        "hat": np.zeros((1, 2, 2)),
+        "per_px": np.zeros((1, 2, 2)),
+        "effect": np.zeros((1, 3, 2)),
+        "image_error": np.zeros((1, 6)),
+        "image_cofactor": np.zeros((1, 6, 6)),
+        "landmark_error": np.zeros((0, 3)),
+        "landmark_cofactor": np.zeros((0, 3, 3)),
+        "repeated": np.zeros(0, dtype=np.int64),
+    }
+    return Reliability(**{**whole, **parts})
+
+
+@pytest.mark.parametrize(("share", "dof"), [(0.02, 5), (0.045, 5), (0.055, 6), (0.2, 6)])
+def test_a_direction_of_an_image_is_tested_where_a_twentieth_of_an_error_shows(share, dof):
+    """Five numbers fully controlled, the sixth by ``share``: T sums v^2 / control over those that are tested."""
+    control = np.diag([1.0, 1.0, 1.0, 1.0, 1.0, share])
+    tested = reliability_of(image_error=np.full((1, 6), 2.0), image_cofactor=(np.eye(6) - control)[None])
+    assert tested.images[1][0] == dof
+    assert tested.images[0][0] == pytest.approx(20.0 + (4.0 / share if dof == 6 else 0.0))
+
+
+@pytest.mark.parametrize(("share", "dof"), [(0.5e-6, 1), (2e-6, 2), (0.02, 2)])
+def test_a_sighting_is_tested_however_little_of_it_is_controlled(share, dof):
+    """By 2 % as well as by a millionth; below that its residual is zero whatever its error."""
+    control = np.diag([1.0, share])
+    tested = reliability_of(v=np.array([[2.0, 3.0 * share]]), hat=(np.eye(2) - control)[None])
+    assert tested.sightings[1][0] == dof
+    assert tested.sightings[0][0] == pytest.approx(4.0 + (9.0 * share if dof == 2 else 0.0), rel=1e-9)
+
+
+def test_the_residuals_of_one_marker_by_hand():
+    """Measured 10 px too far along the columns, which run east at 2.4 m a pixel: located 24 m east of the marker."""
+    o = by_hand()
+    o = replace(o, sigma_px=np.full(o.n, 0.3))
+    xy = o.xy_K.copy()
+    xy[0, 0] += 10.0 * 4e-6
+    xy[2, 1] += 5.0 * 4e-6  # rows run south
+    fit = Fit(Unknowns(), replace(o, xy_K=xy), State(np.eye(3), np.zeros(0)), np.eye(3))
+    found = residuals(fit, np.ones(o.n, dtype=bool))
+    np.testing.assert_allclose(found.after_px[[0, 1, 2]], [[-10.0, 0.0], [0.0, 0.0], [0.0, -5.0]], atol=1e-6)
+    np.testing.assert_allclose(found.after_m[[0, 1, 2]], [[24.0, 0.0], [0.0, 0.0], [0.0, -12.0]], atol=0.1)
+    np.testing.assert_allclose(found.normalised[:3], [10.0 / 0.3, 0.0, 5.0 / 0.3], atol=1e-5)
+
+
+def test_the_probability_of_a_calibration_is_that_of_its_own_chi_square(rng):
+    o = observe(truth(FRAME, images=3, markers=4))
+    campaign = scene.measured(truth(FRAME, images=3, markers=4), Errors.draw(o, rng), C_EK_TRUE)
+    done = calibrate(campaign, Gls())
+    assert done.estimate.degrees_of_freedom == 2 * 12 - 3
+    assert done.chi2_p == pytest.approx(stats.chi2.sf(float(done.estimate.chi2), 21), rel=1e-9)
