@@ -387,6 +387,8 @@ def test_aem_version_1_direction_and_order(put, direction, order, kind, extra):
     # ADM annex F: the coordinate matrix of the direction the file names is R(Q) transposed.
     named = C(Q_GENERAL).T
     np.testing.assert_allclose(C(table.q_BA_xyzw[0]), named if direction == "A2B" else named.T, atol=1e-15)
+    said = [notice for notice in table.notices if f"the type {kind} gives rates" in notice]
+    assert len(said) == (0 if kind == "QUATERNION" else 1)
 
 
 @pytest.mark.parametrize(("kind", "extra"), [("QUATERNION/DERIVATIVE", 4), ("QUATERNION/ANGVEL", 3)])

@@ -83,6 +83,7 @@ def read_aem(path: str | Path) -> AttitudeTable:
     for segment in message.segments:
         t_ns = segment_epochs(message, segment, scale)
         q_BA = _quaternions(message, segment)
+        notices += _left_unread(message, segment, notices)
         rows, dropped = usable(message, segment, t_ns, scale)
         notices += dropped
         pieces.append(Piece(t_ns[rows], q_BA[rows], segment.line))
@@ -98,6 +99,16 @@ def read_aem(path: str | Path) -> AttitudeTable:
         object_id=message.segments[0].meta["OBJECT_ID"].text,
         notices=(*notices, *joints),
     )
+
+
+def _left_unread(message: Message, segment: Segment, said: list[str]) -> list[str]:
+    """A notice, once, that the rates beside the quaternions are not used."""
+    kind = segment.meta["ATTITUDE_TYPE"].text.upper()
+    words = (
+        f"{message.path}: the type {kind} gives rates beside the quaternions, which are not used; between samples the "
+        "attitude is interpolated from the quaternions alone"
+    )
+    return [words] if kind != "QUATERNION" and words not in said else []
 
 
 def _quaternions(message: Message, segment: Segment) -> FloatArray:
