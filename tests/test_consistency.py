@@ -17,7 +17,7 @@ from starplumb.physics import so3
 from starplumb.physics.light import Corrections
 from starplumb.physics.units import ARCSEC, DEG
 from starplumb.plan import scene
-from starplumb.solve import streaming
+from starplumb.solve import chunks
 from starplumb.table.geometry import observe
 from starplumb.table.simulate import Errors, measure
 
@@ -122,7 +122,7 @@ def test_a_wrong_aberration_switch_is_said_aloud(rng, camera, switch):
 def test_a_sample_of_a_large_table_confirms_the_aberration_switch(monkeypatch, rng, right):
     """Only where it does not is the whole table estimated again with the other switch."""
     for name, value in (("LARGE", 50), ("CHUNK", 40), ("SAMPLE", 400)):
-        monkeypatch.setattr(streaming, name, value)
+        monkeypatch.setattr(chunks, name, value)
     o = measured(rng, images=120, markers=8, tilt_deg=20.0, yaw_deg=180.0)
     if not right:
         o = o.with_geometry(corrections=replace(o.corrections, aberration=False))
@@ -132,7 +132,7 @@ def test_a_sample_of_a_large_table_confirms_the_aberration_switch(monkeypatch, r
         asked.append((table.n == o.n, table.corrections.aberration))
         return Gls()(table, C_EK)
 
-    assert streaming.sampled(o)
+    assert chunks.sampled(o)
     found = say(o, estimator=estimator)
     assert any("looks wrong" in f.sentence for f in found) is not right
     assert asked[1:3] == [(False, right), (False, not right)]

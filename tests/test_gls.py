@@ -216,7 +216,7 @@ def test_image_and_marker_errors_are_those_of_the_joint_adjustment(rng):
     o = observe(truth(FRAME, images=2, markers=4, shared_site=True))
     o = measure(o, C_EK_TRUE, Errors.draw(o, rng))
     C, alpha, rho, pi, _ = oracles.joint_adjustment(o, C_EK_TRUE)
-    found = Fit(Unknowns(), o, State(C, np.zeros(0)), C_EK_TRUE).solve()
+    found = Fit(Unknowns(), o, State(C, np.zeros(0)), C_EK_TRUE).whole.shared_errors()
     np.testing.assert_allclose(found.alpha_E, alpha, atol=1e-3 * ARCSEC)
     np.testing.assert_allclose(found.rho_J, rho, atol=1e-3)
     np.testing.assert_allclose(found.pi_J, pi, atol=1e-3)

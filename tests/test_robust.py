@@ -16,7 +16,7 @@ from starplumb.estimators.protocol import Status, Verdict
 from starplumb.estimators.robust import Robust
 from starplumb.physics import so3
 from starplumb.physics.units import ARCSEC, DEG
-from starplumb.solve import streaming
+from starplumb.solve import chunks
 from starplumb.table.geometry import observe
 from starplumb.table.parameters import Optics
 from starplumb.table.simulate import Errors, measure
@@ -177,7 +177,7 @@ def test_a_large_table_is_judged_like_a_small_one(monkeypatch, rng):
     robust = Robust(Gls((Optics(FRAME, ("focal_length",), (np.inf,)),)))
     whole = robust(table, C_EK_TRUE)
     for name, value in (("LARGE", 50), ("CHUNK", 40)):
-        monkeypatch.setattr(streaming, name, value)
+        monkeypatch.setattr(chunks, name, value)
     parts = robust(table, C_EK_TRUE)
     assert np.any(whole.verdict == Verdict.IMAGE)
     np.testing.assert_array_equal(parts.verdict, whole.verdict)
@@ -189,7 +189,7 @@ def test_clusters_are_told_of_the_rows_they_are_made_of(monkeypatch, rng):
     o = observe(truth(FRAME, 8, 30))
     o = o.select(rng.permutation(o.n))
     table, wrong = moved(measure(o, C_EK_TRUE, Errors.draw(o, rng)), 0.3, 60.0, rng)
-    monkeypatch.setattr(streaming, "CHUNK", 40)
+    monkeypatch.setattr(chunks, "CHUNK", 40)
     search = robust_module._Search(Robust(), table, C_EK_TRUE)
     everything = Consensus(C_EK_TRUE, np.ones(table.n, dtype=bool), True)
     kept = search._clusters(State(C_EK_TRUE, np.zeros(0)), everything)

@@ -15,9 +15,9 @@ from starplumb.estimators.protocol import Status
 from starplumb.physics import so3
 from starplumb.physics.camera import Distortion
 from starplumb.physics.units import ARCSEC, DEG
-from starplumb.solve import adjustment, design_rows, streaming
+from starplumb.solve import chunks, design_rows
 from starplumb.solve.adjustment import solve
-from starplumb.solve.streaming import Stream
+from starplumb.solve.problem import Problem
 from starplumb.table.equation import linearise
 from starplumb.table.geometry import observe
 from starplumb.table.parameters import OPTICS, LookAngles, Optics, TimeOffset, TrackerMounting
@@ -43,9 +43,9 @@ PROBLEMS = {
 @pytest.fixture
 def small_limits(monkeypatch):
     """Chunks and samples of a size at which the whole adjustment can stand beside them."""
-    monkeypatch.setattr(streaming, "LARGE", 50)
-    monkeypatch.setattr(streaming, "CHUNK", 40)
-    monkeypatch.setattr(streaming, "SAMPLE", 60)
+    monkeypatch.setattr(chunks, "LARGE", 50)
+    monkeypatch.setattr(chunks, "CHUNK", 40)
+    monkeypatch.setattr(chunks, "SAMPLE", 60)
 
 
 def uneven(rng, camera=FRAME, markers=50):
@@ -66,7 +66,7 @@ def test_blocks_are_the_table(small_limits, rng):
     """Every sighting once, with equally many others of its image; two images longer than a chunk in pieces."""
     o = uneven(rng)
     seen = []
-    for images, pieces in streaming.blocks(o):
+    for images, pieces in chunks.blocks(o):
         rows = [np.arange(o.n)[piece] for piece in pieces]
         assert all(part.size <= 40 for part in rows)
         assert len(pieces) == 1 or images.size == 1
@@ -74,13 +74,13 @@ def test_blocks_are_the_table(small_limits, rng):
         np.testing.assert_array_equal(o.image[together], np.repeat(images, together.size // images.size))
         seen.append(together)
     np.testing.assert_array_equal(np.sort(np.concatenate(seen)), np.arange(o.n))
-    assert sum(len(pieces) > 1 for _, pieces in streaming.blocks(o)) == 2
+    assert sum(len(pieces) > 1 for _, pieces in chunks.blocks(o)) == 2
 
 
 def test_blocks_of_a_table_in_order_are_slices(small_limits):
     """Nothing is gathered where rows stand together already."""
     o = observe(truth(FRAME, 20, 10))
-    blocks = list(streaming.blocks(o))
+    blocks = list(chunks.blocks(o))
     assert [pieces for _, pieces in blocks] == [[slice(at, at + 40)] for at in range(0, 200, 40)]
 
 
@@ -97,7 +97,8 @@ def test_the_sum_of_chunks_is_the_whole_step(small_limits, rng, name, compiled):
     state = State(so3.exp(np.array([1e-5, -2e-5, 3e-5])) @ C_EK_TRUE, np.array(value))
     problem = Unknowns(parameters).problem(o, state, C_EK_TRUE)
     whole = solve(problem.observations, problem.model, problem.A, *problem.prior)
-    chunked = Stream.of(o, parameters, compiled).step(state.C_EK, state.values, problem.prior)
+    assert problem.in_chunks
+    chunked = replace(problem, compiled=compiled).solution
     sigma = np.sqrt(np.diag(whole.covariance))
     np.testing.assert_allclose(chunked.x / sigma, whole.x / sigma, atol=1e-7)
     unit = sigma[:, None] * sigma
@@ -115,7 +116,7 @@ def test_an_attitude_hardly_known_keeps_its_digits(small_limits, rng):
     )
     prior = np.zeros((3, 3)), np.zeros(3)
     whole = solve(o, linearise(o, C_EK_TRUE), linearise(o, C_EK_TRUE).H)
-    chunked = Stream.of(o, (), False).step(C_EK_TRUE, np.zeros(0), prior)
+    chunked = Problem(o, (), C_EK_TRUE, np.zeros(0), prior).solution
     largest = np.abs(whole.covariance).max()
     np.testing.assert_allclose(chunked.covariance, whole.covariance, rtol=1e-6, atol=1e-8 * largest)
     np.testing.assert_allclose(chunked.x, whole.x, atol=1e-5 * np.sqrt(np.diag(whole.covariance)).min())
@@ -141,7 +142,7 @@ def test_compiled_rows_are_those_of_numpy(rng, width):
 def test_a_sample_knows_its_images(small_limits, rng):
     """By their numbers in the whole table, as the mounting of a star tracker asks for them."""
     o = uneven(rng)
-    few = streaming.sample(o)
+    few = chunks.sample(o)
     assert 0 < few.n < o.n
     turned = SECOND.moves(few, np.zeros(3)).turn_E
     np.testing.assert_array_equal(np.any(turned != 0.0, axis=(1, 2)), few.image % 3 == 1)
@@ -155,8 +156,8 @@ def test_a_large_estimate_is_the_small_one(monkeypatch, rng):
     model = so3.exp(np.array([0.5, -0.3, 0.4]) * DEG) @ C_EK_TRUE
     whole = calibration(table, model)
     for name, value in (("LARGE", 50), ("CHUNK", 40), ("SAMPLE", 60)):
-        monkeypatch.setattr(streaming, name, value)
-    assert streaming.sampled(table)
+        monkeypatch.setattr(chunks, name, value)
+    assert chunks.sampled(table)
     chunked = calibration(table, model)
     assert chunked.status == Status.OK
     assert np.abs(so3.log(chunked.C_EK @ whole.C_EK.mT) / whole.sigma_E).max() < 2e-3
@@ -171,7 +172,7 @@ def test_large_generalised_least_squares_is_the_small_one(monkeypatch, rng):
     o = replace(o, common_px=rng.standard_normal((o.n, 2, 2)))
     whole = Gls()(o, C_EK_TRUE)
     for name, value in (("LARGE", 50), ("CHUNK", 40)):
-        monkeypatch.setattr(streaming, name, value)
+        monkeypatch.setattr(chunks, name, value)
     chunked = Gls()(o, C_EK_TRUE)
     assert np.abs(so3.log(chunked.C_EK @ whole.C_EK.mT) / whole.sigma_E).max() < 1e-7
     np.testing.assert_allclose(chunked.covariance_E, whole.covariance_E, rtol=1e-9, atol=1e-24)
@@ -181,22 +182,18 @@ def test_large_generalised_least_squares_is_the_small_one(monkeypatch, rng):
 @pytest.mark.parametrize("shared", [False, True])
 def test_a_large_table_takes_several_model_mountings(small_limits, monkeypatch, rng, shared):
     """Chunks are of one mounting; with batch axes of mountings each run is what it is alone."""
-    monkeypatch.setattr(adjustment, "MANY", 5)
+    monkeypatch.setattr(chunks, "MANY", 5)
     true = observe(truth(FRAME, 20, 10, shared_site=shared))
     table = replace(measure(true, C_EK_TRUE, Errors.draw(true, rng)), prior_E=np.eye(3) * ARCSEC**2)
     models = so3.exp(np.array([[20.0, 0.0, 0.0], [0.0, -30.0, 5.0]]) * ARCSEC) @ C_EK_TRUE
-    assert streaming.sampled(table) is not shared
-    assert adjustment.is_large(table) is shared
+    assert chunks.sampled(table) is not shared
+    assert chunks.in_chunks(table)
     together = Gls()(table, models)
     for i, model in enumerate(models):
         alone = Gls()(table, model)
         assert np.abs(so3.log(together.C_EK[i] @ alone.C_EK.mT) / alone.sigma_E).max() < 2e-3
         np.testing.assert_allclose(together.covariance_E[i], alone.covariance_E, rtol=1e-6, atol=1e-18)
         assert together.chi2[i] == pytest.approx(float(alone.chi2), rel=1e-5)
-
-
-def test_repeated_landmarks_are_not_taken_in_chunks(small_limits):
-    assert not streaming.streams(observe(truth(FRAME, 10, 9, shared_site=True)))
 
 
 @pytest.mark.slow

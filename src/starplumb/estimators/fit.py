@@ -1,4 +1,4 @@
-"""The adjustment at an estimate: what it estimates, and its linear problem, whole or in portions."""
+"""The adjustment at an estimate: what it estimates, and its linear problem."""
 
 from __future__ import annotations
 
@@ -10,13 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..physics import so3
-from ..solve.adjustment import Adjustment, is_large, solve, solve_large
-from ..solve.portions import Portion, Tested, reader, repeated, single
-from ..solve.reliability import reliability
-from ..solve.streaming import Stream, Sum, blocks, part, streams
-from ..table.equation import Linearised, linearise
+from ..solve.adjustment import Adjustment
+from ..solve.problem import Linear, Portion, Problem
+from ..solve.reliability import Tested
 from ..table.observations import Observations
-from ..table.parameters import Parameter, split
+from ..table.parameters import Parameter
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -33,20 +31,6 @@ class State:
         """After a step of the alignment and the parameters, x (..., 3 + p or more)."""
         p = self.values.shape[-1]
         return State(so3.exp(x[..., :3]) @ self.C_EK, self.values + x[..., 3 : 3 + p])
-
-
-@dataclass(frozen=True)
-class Problem:
-    """The adjustment at a state: the table with the parameters applied, its linearisation, the design of all common
-    unknowns (..., n, 2, 3 + p + c) and their prior (information, step); c is the number of errors in ``common_px``."""
-
-    observations: Observations
-    model: Linearised
-    A: Array
-    prior: tuple[Array, Array]
-
-    def solve(self) -> Adjustment:
-        return solve(self.observations, self.model, self.A, *self.prior)
 
 
 @dataclass(frozen=True)
@@ -74,14 +58,9 @@ class Unknowns:
         return np.array([r for parameter in self.parameters for r in parameter.range])
 
     def problem(self, observations: Observations, state: State, C_EK_model: Array) -> Problem:
-        """The linear problem at a state."""
-        o, own = observations, split(self.parameters, state.values)
-        for parameter, value in own:
-            o = parameter.apply(o, value)
-        model = linearise(o, state.C_EK)
-        parts = [model.H, *(parameter.moves(o, value).design(model) for parameter, value in own)]
-        parts += [] if o.common_px is None else [o.common_px]
-        return Problem(o, model, _beside(parts), self.prior(o, state, C_EK_model))
+        """The adjustment of a table at a state."""
+        prior = self.prior(observations, state, C_EK_model)
+        return Problem(observations, self.parameters, state.C_EK, state.values, prior, self.compiled)
 
     def prior(self, o: Observations, state: State, C_EK_model: Array) -> tuple[Array, Array]:
         """Information and step of what is known beforehand of all common unknowns.
@@ -100,14 +79,6 @@ class Unknowns:
         information[..., diagonal, diagonal] = np.concatenate([held**-2.0, np.ones(common)])
         step[..., 3 : 3 + p] = -state.values
         return information, step
-
-
-def _beside(parts: list[Array]) -> Array:
-    """Designs (..., n, 2, .) side by side."""
-    if len(parts) == 1:
-        return parts[0]
-    batch = np.broadcast_shapes(*(part.shape[:-3] for part in parts))
-    return np.concatenate([np.broadcast_to(p, (*batch, *p.shape[-3:])) for p in parts], axis=-1)
 
 
 def mounting_prior(observations: Observations, C_EK: Array, C_EK_model: Array) -> tuple[Array, Array] | None:
@@ -135,69 +106,30 @@ class Fit:
     C_EK_model: Array
 
     def problem(self, part: Observations) -> Problem:
-        """The linear problem of a part of the table."""
+        """The adjustment of a part of the table."""
         return self.unknowns.problem(part, self.state, self.C_EK_model)
-
-    def linear(self, part: Observations) -> tuple[Observations, Linearised, Array]:
-        """A part of the table with the parameters applied, linearised, and its design."""
-        problem = self.problem(part)
-        return problem.observations, problem.model, problem.A
 
     @cached_property
     def whole(self) -> Problem:
-        """The linear problem of the whole table."""
+        """The adjustment of the whole table."""
         return self.problem(self.table)
 
-    @cached_property
-    def solution(self) -> Sum | None:
-        """The step that is left for the common unknowns of a table taken in portions, None for any other."""
-        if self.state.C_EK.ndim != 2 or not streams(self.table):
-            return None
-        stream = Stream.of(self.table, self.unknowns.parameters, self.unknowns.compiled)
-        return stream.step(self.state.C_EK, self.state.values, self.prior)
-
-    @property
-    def prior(self) -> tuple[Array, Array]:
-        """Information and step of what is known beforehand of all common unknowns."""
-        return self.unknowns.prior(self.table, self.state, self.C_EK_model)
-
-    def solve(self) -> Adjustment | Sum:
-        """The Gauss-Newton step of the common unknowns with their information; of a large table in chunks."""
-        if self.solution is not None:
-            return self.solution
-        if self.state.C_EK.ndim == 2 and is_large(self.table):
-            return solve_large(self.table, reader(self.table, self.linear), self.prior)
-        return self.whole.solve()
+    def solve(self) -> Adjustment:
+        """The Gauss-Newton step of the common unknowns with their information."""
+        return self.whole.solution
 
     def step(self) -> Array:
         """The Gauss-Newton step (..., k) of the common unknowns: alignment, parameters, common errors."""
         return self.solve().x
 
-    def parts(self) -> Iterator[tuple[Index, tuple[Observations, Linearised, Array]]]:
+    def parts(self) -> Iterator[tuple[Index, Linear]]:
         """Rows of whole images, and the table, linearisation and design of each."""
-        every = np.arange(self.table.n)
-        for _, pieces in blocks(self.table):
-            rows = np.concatenate([every[rows] for rows in pieces])
-            yield rows, self.linear(part(self.table, rows))
+        return self.whole.parts()
 
     def portions(self) -> Iterator[Portion]:
-        """What the adjustment says of its observations; nothing where the common parameters are not determined."""
-        if self.solution is not None:
-            if np.all(np.isfinite(self.solution.covariance)):
-                yield from single(self.table, self.linear, self.solution)
-            return
-        if is_large(self.table):
-            yield from repeated(self.table, self.linear, self.prior)
-            return
-        p = self.whole
-        tested = reliability(p.observations, p.model, p.A, p.prior)
-        if tested is not None:
-            members = np.arange(self.table.n_images), tested.repeated
-            yield Portion(slice(None), *members, p.observations, p.model, tested)
+        """What the adjustment says of its sightings; nothing where that is not known."""
+        return self.whole.portions()
 
     def tested(self) -> Tested | None:
-        """The statistics of all observations; None where the common parameters are not determined."""
-        tested, portion = Tested.empty(self.table), None
-        for portion in self.portions():
-            tested.put(portion)
-        return None if portion is None else tested
+        """The statistics of all observations; None where they are not known."""
+        return self.whole.tested()

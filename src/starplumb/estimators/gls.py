@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..solve.adjustment import Adjustment
-from ..solve.streaming import Sum, sample, sampled
+from ..solve.chunks import sample, sampled
 from ..table.observations import Observations
 from ..table.parameters import Parameter
 from .fit import Fit, State, Unknowns
@@ -106,7 +106,7 @@ class Gls:
             solution = self._solve(observations, state, C_EK)
         return self._report(observations, C_EK, state, solution, settled & fits, iterations)
 
-    def _solve(self, o: Observations, state: State, C_EK_model: Array) -> Adjustment | Sum:
+    def _solve(self, o: Observations, state: State, C_EK_model: Array) -> Adjustment:
         return Fit(self.unknowns, o, state, C_EK_model).solve()
 
     def _report(
@@ -114,7 +114,7 @@ class Gls:
         o: Observations,
         C_EK_model: Array,
         state: State,
-        solution: Adjustment | Sum,
+        solution: Adjustment,
         converged: Mask,
         iterations: NDArray[np.int64],
     ) -> AlignmentEstimate:
@@ -137,7 +137,7 @@ class Gls:
         )
 
     def _vector(
-        self, o: Observations, C_EK_model: Array, state: State, solution: Adjustment | Sum
+        self, o: Observations, C_EK_model: Array, state: State, solution: Adjustment
     ) -> ParameterVector:
         """The named parameters with what the data alone say of them, other common errors marginalised."""
         unknowns, own = self.unknowns, 3 + state.values.shape[-1]
@@ -160,7 +160,7 @@ def marginal(information: Array, k: int) -> Array:
     return np.asarray(N[..., :k, :k] - N[..., :k, k:] @ np.linalg.solve(N[..., k:, k:], N[..., k:, :k]))
 
 
-def step_length(solution: Adjustment | Sum, k: int) -> Array:
+def step_length(solution: Adjustment, k: int) -> Array:
     """Length (...) of a step of the first k unknowns in units of their own sigma.
 
     Errors in common (the unknowns behind them) are solved for anew in each step, from zero: they do not shrink.

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..solve.portions import Tested
-from ..solve.reliability import NOISE, excess
+from ..solve.reliability import NOISE, Tested, excess
 from ..table.observations import Observations
 from .consensus import Consensus, Directions, cluster, consensus, own_covariance
 from .fit import Fit, State, Unknowns

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ..estimators.protocol import AlignmentEstimate, Estimator, Status
 from ..physics import so3
 from ..physics.units import ARCSEC, DEG
-from ..solve.streaming import CHUNK, part, sample, sampled
+from ..solve.chunks import CHUNK, part, sample, sampled
 from ..table.observations import Observations
 
 Array = NDArray[np.float64]

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..solve.portions import Portion
+from ..solve.problem import Portion
 from ..solve.whitening import accumulate
 from ..table.observations import Observations
 

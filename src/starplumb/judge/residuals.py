@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,10 +9,8 @@ from numpy.typing import NDArray
 
 from ..estimators.fit import Fit
 from ..physics.earth import C_JT, itrf_to_geodetic
-from ..solve.adjustment import Adjustment, is_large, solve, solve_large
-from ..solve.portions import Images, Linear, read, reader
-from ..solve.streaming import CHUNK, Rows, part, streams
-from ..table.equation import Linearised, residual_px
+from ..solve.chunks import part
+from ..table.equation import residual_px
 from ..table.geometry import ground_points
 from ..table.observations import Observations
 
@@ -83,81 +80,25 @@ class Residuals:
     pi_J: Array
 
 
-@dataclass(frozen=True)
-class _Part:
-    """Rows of a table as measured, with the parameters applied and linearised, and how far their images' attitude
-    ``turn_E`` (n, 3) and their images' position less their landmarks' place ``shift_J`` (n, 3) are off."""
-
-    rows: Rows
-    measured: Observations
-    applied: Observations
-    model: Linearised
-    turn_E: Array
-    shift_J: Array
-
-
 def residuals(fit: Fit, used: Mask) -> Residuals:
     """Residuals of the table of a fit as measured at its model mounting, and with its parameters applied at its state;
     the shared errors are estimated from the sightings ``used`` (n,)."""
     o = fit.table
+    shared = fit.problem(o if np.all(used) else o.select(used)).shared_errors()
     px, m = [np.empty((o.n, 2)) for _ in range(3)], [np.empty((o.n, 2)) for _ in range(2)]
-    alpha_E, rho_J, pi_J = (np.zeros((count, 3)) for count in (o.n_images, o.n_images, o.n_landmarks))
-    found = Residuals(used, px[0], px[1], px[2], np.empty(o.n), m[0], m[1], alpha_E, rho_J, pi_J)
-    for p in _in_blocks(fit, found) if streams(o) else _in_rows(fit, found):
-        rows, model, ground = p.rows, p.model, _Ground.of(p.measured.p_J)
-        turned = (model.H @ p.turn_E[..., None])[..., 0]
-        moved = (model.R @ p.shift_J[..., None])[..., 0]
-        found.before_px[rows] = residual_px(p.measured, fit.C_EK_model)
-        found.after_px[rows] = model.z_px
-        found.fit_px[rows] = model.z_px - (moved - turned)
-        found.normalised[rows] = np.linalg.norm(found.fit_px[rows], axis=-1) / o.sigma_px[rows]
-        found.before_m[rows] = ground.error(p.measured, fit.C_EK_model)
-        found.after_m[rows] = ground.error(p.applied, fit.state.C_EK)
-    return found
-
-
-def _in_blocks(fit: Fit, found: Residuals) -> Iterator[_Part]:
-    """Images whose landmarks are seen once: each says its own errors."""
-    o = fit.table
-    for block in read(o, _at_the_mounting(fit)):
-        a, d = Images.of(block.squares, np.zeros(0)).a, block.design
-        found.alpha_E[block.images] = (d.S_attitude[block.images] @ a[:, :3, None])[..., 0]
-        found.rho_J[block.images] = (d.S_position[block.images] @ a[:, 3:, None])[..., 0]
-        image, measured = o.image[block.rows], part(o, block.rows)
-        errors = found.alpha_E[image], found.rho_J[image]
-        yield _Part(block.rows, measured, block.table, block.model, *errors)
-
-
-def _at_the_mounting(fit: Fit) -> Linear:
-    """Linear problems of parts of a table in which the mounting and the parameters stand as they are."""
-
-    def linear(part: Observations) -> tuple[Observations, Linearised, Array]:
-        table, model, A = fit.linear(part)
-        return table, model, A[..., :0]
-
-    return linear
-
-
-def _shared_errors(fit: Fit, o: Observations) -> Adjustment:
-    """The errors of images and landmarks of a table, whole or in chunks."""
-    linear = _at_the_mounting(fit)
-    return solve_large(o, reader(o, linear)) if is_large(o) else solve(*linear(o))
-
-
-def _in_rows(fit: Fit, found: Residuals) -> Iterator[_Part]:
-    """Any table: the errors of images and landmarks are solved for together."""
-    o = fit.table
-    shared = _shared_errors(fit, o if np.all(found.used) else o.select(found.used))
-    for whole, solved in zip(
-        (found.alpha_E, found.rho_J, found.pi_J), (shared.alpha_E, shared.rho_J, shared.pi_J), strict=True
-    ):
-        whole[...] = solved
-    for start in range(0, o.n, CHUNK):
-        rows = slice(start, min(start + CHUNK, o.n))
+    for rows, (applied, model, _) in fit.whole.pieces():
         measured = part(o, rows)
-        table, model, _ = fit.linear(measured)
-        shift_J = shared.rho_J[o.image[rows]] - shared.pi_J[o.landmark[rows]]
-        yield _Part(rows, measured, table, model, shared.alpha_E[o.image[rows]], shift_J)
+        ground, image = _Ground.of(measured.p_J), measured.image
+        shift_J = shared.rho_J[image] - shared.pi_J[measured.landmark]
+        turned, moved = model.H @ shared.alpha_E[image, :, None], model.R @ shift_J[..., None]
+        px[0][rows] = residual_px(measured, fit.C_EK_model)
+        px[1][rows] = model.z_px
+        px[2][rows] = model.z_px - (moved - turned)[..., 0]
+        m[0][rows] = ground.error(measured, fit.C_EK_model)
+        m[1][rows] = ground.error(applied, fit.state.C_EK)
+    normalised = np.linalg.norm(px[2], axis=-1) / o.sigma_px
+    errors = shared.alpha_E, shared.rho_J, shared.pi_J
+    return Residuals(used, px[0], px[1], px[2], normalised, m[0], m[1], *errors)
 
 
 def rms(values: Array) -> float:

@@ -24,9 +24,8 @@ from ..estimators.gls import marginal, step_length
 from ..estimators.protocol import AlignmentEstimate, Verdict
 from ..estimators.usable import determined
 from ..physics.units import ARCSEC
-from ..solve.portions import Portion, Tested
-from ..solve.reliability import reliability
-from ..solve.streaming import part
+from ..solve.chunks import part
+from ..solve.reliability import Reliability, Tested
 from ..table.observations import Observations
 from .contributions import Spread
 
@@ -112,34 +111,30 @@ def snoop(fit: Fit, estimate: AlignmentEstimate) -> Snooping | None:
     """Reliability at an estimate (no batch axes); None where its parameters are not all determined."""
     if estimate.chi2 is None or estimate.degrees_of_freedom is None:
         return None
-    n, dof, portion = fit.table.n, int(estimate.degrees_of_freedom), None
-    scale = float(np.sqrt(estimate.chi2 / dof)) if dof > 0 else 1.0
-    found = Snooping(
-        tested=Tested.empty(fit.table),
-        w=np.empty((n, 2)),
-        redundancy=np.empty(n),
-        detectable_px=np.empty((n, 2)),
-        effect_E=np.empty(n),
-        scale=scale,
-        spread=Spread.of(fit.table),
-    )
+    n, dof = fit.table.n, int(estimate.degrees_of_freedom)
+    T, freedom = np.empty(n), np.empty(n, dtype=np.int64)
+    w, detectable_px = np.empty((n, 2)), np.empty((n, 2))
+    redundancy, effect_E, spread = np.empty(n), np.empty(n), Spread.of(fit.table)
     for portion in fit.portions():
-        _put(found, portion)
-    return None if portion is None else found
+        tested, rows = portion.tested, portion.rows
+        T[rows], freedom[rows] = tested.sightings
+        redundancy[rows] = tested.redundancy
+        K = tested.influence[:, :3]
+        gain = np.stack([_times(K, tested.per_px[:, :, c]) for c in range(2)], axis=-1)
+        w[rows], detectable_px[rows] = _of_pixels(tested)
+        effect = np.linalg.norm(gain, axis=1) * detectable_px[rows]
+        effect_E[rows] = np.max(effect, axis=-1)
+        spread.add(portion, gain)
+    of_all = fit.whole.of_groups((T, freedom))
+    if of_all is None:
+        return None
+    scale = float(np.sqrt(estimate.chi2 / dof)) if dof > 0 else 1.0
+    return Snooping(of_all, w, redundancy, detectable_px, effect_E, scale, spread)
 
 
-def _put(found: Snooping, portion: Portion) -> None:
-    """Write down what a portion says, and add its share of the spread."""
-    tested, rows = portion.tested, portion.rows
-    found.tested.put(portion)
-    found.redundancy[rows] = tested.redundancy
-    K = tested.influence[:, :3]
-    gain = np.stack([_times(K, tested.per_px[:, :, c]) for c in range(2)], axis=-1)
-    w, detectable, effect = (
-        np.zeros(tested.v.shape),
-        np.full(tested.v.shape, np.inf),
-        np.empty(tested.v.shape),
-    )
+def _of_pixels(tested: Reliability) -> tuple[Array, Array]:
+    """Baarda's w and the detectable error, px, of an error in column and row (n, 2)."""
+    w, detectable = np.zeros(tested.v.shape), np.full(tested.v.shape, np.inf)
     R, residual = tested.control, tested.residual
     for c in range(2):
         e0, e1 = tested.per_px[:, 0, c], tested.per_px[:, 1, c]
@@ -148,10 +143,7 @@ def _put(found: Snooping, portion: Portion) -> None:
         shows = controlled > 0.0
         np.divide(e0 * residual[:, 0] + e1 * residual[:, 1], controlled, out=w[:, c], where=shows)
         np.divide(DELTA_0, controlled, out=detectable[:, c], where=shows)
-        effect[:, c] = np.sqrt(np.sum(gain[:, :, c] ** 2, axis=-1)) * detectable[:, c]
-    found.w[rows], found.detectable_px[rows] = w, detectable
-    found.effect_E[rows] = np.max(effect, axis=-1)
-    found.spread.add(portion, gain)
+    return w, detectable
 
 
 def _times(K: Array, e: Array) -> Array:
@@ -194,12 +186,15 @@ def _with_group(fit: Fit, rows: Index) -> Tested | None:
 
 def _statistic_of_image(fit: Fit, rows: Index, image: int) -> float:
     """sqrt(T) of an image with its sightings back in the solution."""
-    if fit.solution is not None:  # to one image all the others are what is known beforehand
-        p = fit.problem(part(fit.table, rows))
-        alone = replace(p.observations, weight=np.ones(rows.size))
-        own = reliability(alone, p.model, p.A, (fit.solution.information, fit.solution.x))
-        return float("nan") if own is None else float(np.sqrt(own.images[0][image]))
-    tested = _with_group(fit, rows)
+    o = fit.table
+    if not np.any(np.isin(o.landmark[o.image != image], o.landmark[rows])):
+        # to an image of landmarks of its own all the others are what is known beforehand
+        own = part(o, rows)
+        alone = fit.problem(replace(own, weight=np.ones(rows.size)))
+        rest = fit.whole.solution
+        tested = replace(alone, prior=(rest.information, rest.x)).tested()
+    else:
+        tested = _with_group(fit, rows)
     return float("nan") if tested is None else float(np.sqrt(tested.images[0][image]))
 
 

@@ -14,17 +14,14 @@ Source: W. Baarda, A testing procedure for use in geodetic networks, Netherlands
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..table.equation import Linearised
-from ..table.observations import Observations
-from .adjustment import Normal, invert_information, normal_equations
-from .whitening import Design, whiten
+from .normal import Cofactors, Eliminated
+from .whitening import Design
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -36,13 +33,49 @@ UNTESTABLE = 1e-6
 """Redundancy below which a sighting is not controlled by the others: its residual is zero whatever its error."""
 NOISE = 13.8
 """Chi-square with 2 degrees of freedom that noise exceeds once in a thousand."""
-CHUNK = 1 << 20
-"""Doubles that a chunk of reduced design rows may hold."""
+
+
+@dataclass(frozen=True)
+class Solution:
+    """The common parameters x (k,) with their ``covariance`` (k, k), and the ``shared`` errors with their
+    ``cofactors``, all that the statistics of an observation are made of (no batch axes)."""
+
+    x: Array
+    covariance: Array
+    shared: Eliminated
+    cofactors: Cofactors
+
+    @cached_property
+    def image_cofactor(self) -> Array:
+        """Covariance (m, 6, 6) of each image's estimated errors, in units of their prior."""
+        return _grown(self.cofactors.image, self.shared.C_image, self.covariance)
+
+    @cached_property
+    def landmark_cofactor(self) -> Array:
+        """Likewise (q, 3, 3) of the landmarks seen more than once."""
+        return _grown(self.cofactors.landmark, self.shared.C_landmark, self.covariance)
+
+    @property
+    def images(self) -> tuple[Array, Index]:
+        """T (m,) of each image's attitude and position taken together, and its degrees of freedom (m,)."""
+        error = -(self.shared.C_image @ np.append(self.x, 1.0))
+        return _mean_shift(error, np.eye(6) - self.image_cofactor, CONTROLLED)
+
+    @property
+    def landmarks(self) -> tuple[Array, Index]:
+        """T (q,) of the place of each landmark seen more than once, and its degrees of freedom (q,)."""
+        error = -(self.shared.C_landmark @ np.append(self.x, 1.0))
+        return _mean_shift(error, np.eye(3) - self.landmark_cofactor, CONTROLLED)
+
+
+def _grown(Z: Array, C: Array, Q: Array) -> Array:
+    A = C[..., :-1]
+    return np.asarray(Z + A @ Q @ A.mT)
 
 
 @dataclass(frozen=True)
 class Reliability:
-    """Residuals of one adjustment (no batch axes) with their cofactors, in units of the stated sigmas.
+    """Residuals of some sightings (no batch axes) with their cofactors, in units of the stated sigmas.
 
     =================== ============ ===============================================================================
     used                (n,)         whether the sighting has a part in the solution
@@ -50,11 +83,6 @@ class Reliability:
     hat                 (n, 2, 2)    ``B Q B^T``, covariance of the adjusted observation, whitened
     per_px              (n, 2, 2)    whitened shift of a residual by a pixel of column and row
     effect              (n, k, 2)    change of the common parameters by a whitened shift of the sighting
-    image_error         (m, 6)       attitude and position error of each image in units of their prior
-    image_cofactor      (m, 6, 6)    covariance of these estimates' errors
-    landmark_error      (q, 3)       likewise the place error of the landmarks seen more than once
-    landmark_cofactor   (q, 3, 3)
-    repeated            (q,)         which landmarks those are
     =================== ============ ===============================================================================
     """
 
@@ -63,11 +91,6 @@ class Reliability:
     hat: Array
     per_px: Array
     effect: Array
-    image_error: Array
-    image_cofactor: Array
-    landmark_error: Array
-    landmark_cofactor: Array
-    repeated: Index
 
     @cached_property
     def control(self) -> Array:
@@ -108,16 +131,6 @@ class Reliability:
         """T (n,) of each sighting and its degrees of freedom (n,)."""
         return _mean_shift_of_two(self.residual, self.control, UNTESTABLE)
 
-    @cached_property
-    def images(self) -> tuple[Array, Index]:
-        """T (m,) of each image's attitude and position taken together, and its degrees of freedom (m,)."""
-        return _mean_shift(self.image_error, np.eye(6) - self.image_cofactor, CONTROLLED)
-
-    @cached_property
-    def landmarks(self) -> tuple[Array, Index]:
-        """T (q,) of the place of each landmark seen more than once, and its degrees of freedom (q,)."""
-        return _mean_shift(self.landmark_error, np.eye(3) - self.landmark_cofactor, CONTROLLED)
-
 
 def _mean_shift(v: Array, Q: Array, floor: float) -> tuple[Array, Index]:
     """v^T Q^+ v over the directions whose eigenvalue exceeds ``floor``, and how many they are; v (..., d)."""
@@ -145,86 +158,53 @@ def _mean_shift_of_two(v: Array, Q: Array, floor: float) -> tuple[Array, Index]:
     return np.maximum(T, 0.0), dof
 
 
-def reliability(
-    observations: Observations, model: Linearised, A: Array, prior: tuple[Array, Array] | None = None
-) -> Reliability | None:
-    """Residuals and cofactors of the solution with design A (n, 2, k) and a prior (information, step) on x.
+def reliability(used: Mask, d: Design, image: Index, pair: Index, solution: Solution) -> Reliability:
+    """Of sightings in their images (n,), with the number of their pair (n,), -1 for a landmark seen once.
 
-    Sightings of weight zero are tested but have no part in the solution.  None where the common parameters are not
-    determined.
+    ``d`` is their design whatever their weight, ``used`` (n,) whether they have a part in the solution.  With
+    C of :mod:`starplumb.solve.normal` and Q the covariance of x, a row (G, D, A) has the cofactor
+    ``R Q R^T + (G, D) Z (G, D)^T``, R = A - (G, D) C, Z the cofactors of the shared errors.
     """
-    o = observations
-    d = whiten(o, model, A)
-    n, k = normal_equations(o, d), A.shape[-1]
-    information, right = n.YY.copy(), n.Yz[:, 0].copy()
-    if prior is not None:
-        information[:k, :k] += prior[0]
-        right[:k] -= prior[0] @ prior[1]
-    Q = invert_information(information)
-    if not np.all(np.isfinite(Q)):
-        return None
-    y = -Q @ right
-    rows = whiten(replace(o, weight=np.ones(o.n)), model, A)
-    a = -(n.inverse @ (n.Gz + n.GY @ y[:, None]))[..., 0]
-    v, hat, effect = _sightings(o, rows, n, Q, (a, y))
-    pull = n.inverse @ n.GY
-    q = d.repeated.size
-    blocks = Q[k:, k:].reshape(q, 3, q, 3)[np.arange(q), :, np.arange(q), :]
-    return Reliability(
-        used=o.weight > 0.0,
-        v=v,
-        hat=hat,
-        per_px=rows.W,
-        effect=effect,
-        image_error=a,
-        image_cofactor=n.inverse + pull @ Q @ pull.mT,
-        landmark_error=y[k:].reshape(q, 3),
-        landmark_cofactor=blocks,
-        repeated=d.repeated,
-    )
+    left, Z, G = solution.shared.left(d, image), solution.cofactors, d.P[..., :6]
+    R = left[..., :-1]
+    spread = R @ solution.covariance
+    hat = _outer(R, spread) + _outer(G, _by_image(G, Z.image, image))
+    again = np.flatnonzero(pair >= 0)
+    if again.size:
+        D = d.D[again]
+        cross = G[again] @ Z.pair[pair[again]] @ D.mT
+        hat[again] += cross + cross.mT + D @ Z.landmark[d.place[again]] @ D.mT
+    return Reliability(used, left @ np.append(solution.x, 1.0), hat, d.W, -spread.mT)
 
 
-def _sightings(
-    o: Observations, d: Design, n: Normal, Q: Array, solution: tuple[Array, Array]
-) -> tuple[Array, Array, Array]:
-    """v, hat and effect of all sightings, in chunks: a reduced row is as wide as x and the repeated landmarks."""
-    (a, y), k, w = solution, d.P.shape[-1] - 7, Q.shape[0]
-    v, hat, effect = np.empty((o.n, 2)), np.empty((o.n, 2, 2)), np.empty((o.n, k, 2))
-    pull = n.inverse @ n.GY
-    size = max(1, CHUNK // (2 * w))
-    for start in range(0, o.n, size):
-        part = slice(start, min(start + size, o.n))
-        image, place = o.image[part], d.place[part]
-        G = d.P[part, :, :6]
-        Y = np.zeros((image.size, 2, w))
-        Y[:, :, :k] = d.P[part, :, 6:-1]
-        seen = np.flatnonzero(place >= 0)
-        columns = k + 3 * place[seen, None] + np.arange(3)
-        Y[seen[:, None, None], np.arange(2)[:, None], columns[:, None, :]] = d.D[part][seen]
-        v[part] = d.P[part, :, -1] + (G @ a[image][..., None])[..., 0] + Y @ y
-        reduced = Y - G @ pull[image]
-        spread = Q @ reduced.mT
-        hat[part] = reduced @ spread + G @ n.inverse[image] @ G.mT
-        effect[part] = -spread[:, :k, :]
-    return v, hat, effect
+def _outer(a: Array, b: Array) -> Array:
+    """The symmetric products a b^T (n, 2, 2) of rows (n, 2, w), entry by entry: they are many and small."""
+    product = np.empty((len(a), 2, 2))
+    for i, j in ((0, 0), (0, 1), (1, 1)):
+        product[:, i, j] = product[:, j, i] = np.vecdot(a[:, i], b[:, j])
+    return product
 
 
-class Statistics(Protocol):
-    """T and its degrees of freedom, of sightings, of images and of landmarks seen more than once."""
-
-    @property
-    def sightings(self) -> tuple[Array, Index]: ...
-
-    @property
-    def images(self) -> tuple[Array, Index]: ...
-
-    @property
-    def landmarks(self) -> tuple[Array, Index]: ...
+def _by_image(G: Array, Z: Array, image: Index) -> Array:
+    """G Z of the sighting's image, (n, 2, 6): at once for all of an image where they stand together, as many each."""
+    runs = np.flatnonzero(np.diff(image, prepend=-1))
+    count = image.size // max(1, runs.size)
+    if runs.size and np.array_equal(runs, count * np.arange(runs.size)) and count * runs.size == image.size:
+        return np.asarray((G.reshape(runs.size, -1, 6) @ Z[image[runs]]).reshape(G.shape))
+    return np.asarray(G @ Z[image])
 
 
-def excess(
-    tested: Statistics, seen: Mask, alpha: float, alpha_group: float
-) -> tuple[Array, tuple[Array, Array]]:
+@dataclass(frozen=True)
+class Tested:
+    """T and its degrees of freedom, of n sightings, of m images, and of the q landmarks ``repeated``."""
+
+    sightings: tuple[Array, Index]
+    images: tuple[Array, Index]
+    landmarks: tuple[Array, Index]
+    repeated: Index
+
+
+def excess(tested: Tested, seen: Mask, alpha: float, alpha_group: float) -> tuple[Array, tuple[Array, Array]]:
     """Statistics over their critical values: of sightings (n,), and of images (m,) and repeated landmarks (q,).
 
     The critical values grow with :func:`variance_factor`, as Pope's tau has it.

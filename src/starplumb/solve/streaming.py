@@ -1,10 +1,9 @@
-"""The adjustment of tables too large to hold a design of: whole images at a time, a few megabytes each.
+"""The normal equations of tables too large to hold a design of: whole images at a time, a few megabytes each.
 
-Images share nothing but the common parameters where every landmark is seen once, so their reduced normal equations are
-simply added up, and nothing grows with the number of sightings.  The rows of a chunk's design are made by
-:mod:`starplumb.solve.design_rows`.  With S a root of the covariance of an image's attitude and position errors, G =
-(H, R) S and Y = (z, H, E) it adds ``Y^T Y - Y^T G (G^T G + I)^-1 G^T Y`` to the normal equations of everything
-common."""
+Images share nothing but the common parameters where every landmark is seen once, so that they are eliminated chunk by
+chunk and nothing grows with the number of sightings; of landmarks seen again, one block is kept of each pair that
+meets.  The rows of a chunk's design are made by :mod:`starplumb.solve.design_rows`.
+"""
 
 from __future__ import annotations
 
@@ -15,138 +14,112 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from ..physics.covariance import square_root
 from ..table.equation import Nine
-from ..table.observations import PER_SIGHTING, Observations
+from ..table.observations import Observations
 from ..table.parameters import OPTICS, Moves, Optics, Parameter, split
-from .adjustment import invert_information
+from .chunks import Rows, blocks, part
 from .design_rows import COLUMN, LENS, NO_LENS, PER_RAD, ROW, ROWS, WHITENING, filler, load
+from .normal import Eliminated, Normal, Pairs, eliminate
+from .schur import eliminate_sparse
+from .whitening import Roots, accumulate
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
-Rows = slice | Index
+Pair = tuple[Array, Array]
 
-LARGE = 10_000
-"""Sightings from which a table is taken in chunks."""
-Z, H = 0, slice(1, 4)
-"""Places of the residual and of the derivatives by the mounting among a sighting's rows."""
-CHUNK = 4_096
-"""Sightings of a chunk: what fits the processor's cache with all that is made of it."""
-SAMPLE = 30_000
-"""Sightings of the sample from which the adjustment of a table several times larger starts."""
-
-
-@dataclass(frozen=True)
-class Sum:
-    """Solution of one linear step: ``x`` (k,), ``information`` and ``covariance`` (k, k), ``chi2`` at the minimum."""
-
-    x: Array
-    information: Array
-    covariance: Array
-    chi2: Array
-
-
-def streams(o: Observations) -> bool:
-    """Whether a table is large, without batch axes and of landmarks seen once, so that it can be taken in chunks."""
-    if not (o.n > LARGE and o.batch == ()):
-        return False
-    seen = np.zeros(o.n_landmarks, dtype=np.bool_)
-    seen[o.landmark] = True
-    return int(np.count_nonzero(seen)) == o.n
-
-
-def sampled(o: Observations) -> bool:
-    """Whether a sample is worth to start from."""
-    return o.n >= 2 * SAMPLE and streams(o)
-
-
-def sample(o: Observations) -> Observations:
-    """Whole images drawn from the table (always the same ones), some ten thousand sightings in all."""
-    drawn = np.random.default_rng(0).random(o.n_images) < SAMPLE / o.n
-    return part(o, np.flatnonzero(drawn[o.image]))
-
-
-def part(o: Observations, rows: Rows) -> Observations:
-    """Some rows, by a slice without copying, with all images and landmarks as they were (no batch axes)."""
-    own = {name: getattr(o, name)[rows] for name in ("image", "landmark", *PER_SIGHTING)}
-    return replace(o, **own, common_px=None if o.common_px is None else o.common_px[rows])
-
-
-def blocks(o: Observations) -> Iterator[tuple[Index, list[Rows]]]:
-    """Images (g,) with equally many sightings each, as many as a chunk holds, and their rows, image after image.
-
-    An image larger than a chunk comes alone, its rows in pieces.
-    """
-    ordered = bool(np.all(o.image[:-1] <= o.image[1:]))
-    order = None if ordered else np.argsort(o.image, kind="stable")
-    counts = np.bincount(o.image, minlength=o.n_images)
-    starts = np.cumsum(counts) - counts
-    for count in np.unique(counts[counts > 0]):
-        same = np.flatnonzero(counts == count)
-        for first in range(0, same.size, max(1, CHUNK // int(count))):
-            images = same[first : first + max(1, CHUNK // int(count))]
-            yield images, _rows(order, starts[images], int(count))
-
-
-def _rows(order: Index | None, starts: Index, count: int) -> list[Rows]:
-    """Rows of runs of ``count`` that begin at ``starts`` of ``order``, cut into pieces where one run is too long."""
-    begin, end = int(starts[0]), int(starts[0]) + count * starts.size
-    together = bool(np.all(np.diff(starts) == count))
-    rows: Index | None = None
-    if order is not None or not together:
-        rows = (starts[:, None] + np.arange(count)).reshape(-1)
-        rows = rows if order is None else order[rows]
-    step = CHUNK if starts.size == 1 else end - begin
-    cuts = range(0, count * starts.size, step)
-    if rows is None:
-        return [slice(begin + at, min(begin + at + step, end)) for at in cuts]
-    return [rows[at : at + step] for at in cuts]
+POSITION = slice(4, 7)
+"""The derivatives by the position among a sighting's rows (z, H, R, E): a landmark's place moves them alike."""
 
 
 @dataclass(frozen=True)
 class Stream:
-    """A table of single landmarks and the parameters to estimate from it besides the mounting.
+    """A table without batch axes and the parameters to estimate from it besides the mounting.
 
-    ``roots`` (m, 6, 6) turn unit errors of an image into those of ``-theta_E`` and of its position.
+    ``S_image`` (m, 6, 6) turn unit errors of an image into those of ``-theta_E`` and of its position, and
+    ``single`` is the table with the errors of its landmarks seen once only.
     """
 
-    observations: Observations
+    single: Observations
     parameters: tuple[Parameter, ...]
-    roots: Array
     compiled: bool
+    roots: Roots
+    pairs: Pairs
+    S_image: Array
 
     @classmethod
     def of(cls, o: Observations, parameters: Sequence[Parameter], compiled: bool) -> Stream:
-        roots = np.zeros((o.n_images, 6, 6))
-        roots[:, :3, :3], roots[:, 3:, 3:] = square_root(o.cov_attitude_E), square_root(o.cov_position_J)
-        return cls(o, tuple(parameters), roots, compiled)
+        roots = Roots.of(o)
+        S = np.zeros((o.n_images, 6, 6))
+        S[:, :3, :3], S[:, 3:, 3:] = roots.S_attitude, -roots.S_position
+        if roots.repeated.size:
+            own = np.array(o.cov_landmark_J)
+            own[roots.repeated] = 0.0
+            o = replace(o, cov_landmark_J=own)
+        return cls(o, tuple(parameters), compiled, roots, Pairs.among(o, roots), S)
 
-    def step(self, C_EK: Array, values: Array, prior: tuple[Array, Array]) -> Sum:
-        """The step of :func:`starplumb.solve.adjustment.solve` at a mounting (3, 3) and parameters (p,).
-
-        ``prior`` is the information (k, k) and step (k,) of all common unknowns: mounting, parameters, common errors.
-        """
-        information, step = prior[0].copy(), prior[1]
-        right, chi2 = -(prior[0] @ step), float(step @ prior[0] @ step)
+    def squares(self, C_EK: Array, values: Array) -> Array:
+        """Normal equations (k + 1, k + 1) of Y = [A, z] less the shared errors, at a mounting (3, 3) and parameters
+        (p,).  Raises LinAlgError where there is no solution."""
+        if self.roots.repeated.size:
+            return self.eliminated(C_EK, values)[1]
         left = np.zeros(())
-        for images, pieces in blocks(self.observations):
-            parts = [self._products(rows, images.size, C_EK, values) for rows in pieces]
-            own, others = (np.sum(same, axis=0) for same in zip(*parts, strict=True))
-            left = left + _reduced(own, others, self.roots[images])
-        unknown = np.r_[H, LENS : len(left)]
-        information += left[np.ix_(unknown, unknown)]
-        right += left[unknown, Z]
-        chi2 += float(left[Z, Z])
-        covariance = invert_information(information)
-        x = -(np.where(np.isfinite(covariance), covariance, 0.0) @ right)
-        return Sum(x, information, covariance, np.asarray(chi2 + right @ x))
+        for _, n in self._blocks(C_EK, values):
+            left = left + eliminate(n, self.pairs).squares(n)
+        return left
 
-    def _products(self, rows: Rows, images: int, C_EK: Array, values: Array) -> tuple[Array, Array]:
-        """Products of the whitened rows (z, H, R, then f - 7 of parameters and common errors) of some sightings.
+    def eliminated(self, C_EK: Array, values: Array, patience: float = 1.0) -> tuple[Eliminated, Array]:
+        """The same with the shared errors; for ``patience`` see :func:`starplumb.solve.schur.eliminate_sparse`."""
+        n = self.normal(C_EK, values)
+        again = self.roots.repeated.size > 0
+        found = eliminate_sparse(n, self.pairs, patience) if again else eliminate(n, self.pairs)
+        return found, found.squares(n)
 
-        Of (z, H, R) with all of them image by image (g, 7, f), of the others with all of them in sum (f - 7, f).
-        """
-        o, own, lens = self.observations, split(self.parameters, values), NO_LENS
+    def normal(self, C_EK: Array, values: Array) -> Normal:
+        """The normal equations of the whole table."""
+        parts = self._blocks(C_EK, values)
+        images, first = next(parts)
+        total = replace(first, image=np.zeros((len(self.S_image), *first.image.shape[1:])))
+        total.image[images] = first.image
+        for images, n in parts:
+            total.image[images] = n.image
+            total.common[...] += n.common
+        return total
+
+    def _blocks(self, C_EK: Array, values: Array) -> Iterator[tuple[Index, Normal]]:
+        """Images (g,) and their normal equations, those of landmarks and pairs summed up to there."""
+        q, E = self.roots.repeated.size, self.pairs.image.size
+        landmark, pair = np.zeros((q, 3, 0)), np.zeros((E, 6, 3))
+        for images, pieces in blocks(self.single):
+            own, others = np.zeros(()), np.zeros(())
+            for rows in pieces:
+                axes = self._rows(rows, C_EK, values)
+                own, others = (
+                    total + new
+                    for total, new in zip((own, others), _multiplied(axes, images.size), strict=True)
+                )
+                if landmark.shape[-1] == 0:
+                    landmark = np.zeros((q, 3, len(axes[0])))
+                if q:
+                    self._add_landmarks(axes, rows, landmark, pair)
+            S, total = self.S_image[images], np.concatenate([np.sum(own, axis=0), others])
+            G = S.mT @ own[:, 1:LENS]
+            image = np.concatenate([G[..., 1:LENS] @ S, _ordered(G)], axis=-1)
+            yield images, Normal(image, landmark, pair, _ordered(_ordered(total).mT))
+
+    def _add_landmarks(self, axes: Sequence[Array], rows: Rows, landmark: Array, pair: Array) -> None:
+        """What sightings of landmarks seen more than once say of these."""
+        place = self.roots.place[rows]
+        again = np.flatnonzero(place >= 0)
+        S, image = self.roots.S_landmark[place[again]], self.single.image[rows][again]
+        chosen = [axis[:, again] for axis in axes]
+        products = sum(axis[POSITION, None] * axis[None] for axis in chosen)
+        DF = S @ np.moveaxis(np.asarray(products), 2, 0)  # D^T (z, H, R, E, ...)
+        accumulate(landmark, np.concatenate([DF[..., POSITION] @ S, _ordered(DF)], axis=-1), place[again])
+        accumulate(pair, self.S_image[image].mT @ DF[..., 1:LENS].mT, self.pairs.of[rows][again])
+
+    def _rows(self, rows: Rows, C_EK: Array, values: Array) -> list[Array]:
+        """Whitened rows z, H, R, then those of parameters and common errors, of columns and of rows (f, n)."""
+        o, own, lens = self.single, split(self.parameters, values), NO_LENS
         if any(not isinstance(parameter, Optics) for parameter in self.parameters):
             o, rows = part(o, rows), slice(None)
         for parameter, value in own:
@@ -160,10 +133,12 @@ class Stream:
         pairs = _design(W, o, own)
         if o.common_px is not None:
             pairs.append(_whitened(W, o.common_px[rows]))
-        return _multiplied([_joined(axis) for axis in zip(*pairs, strict=True)], images)
+        return [_joined(axis) for axis in zip(*pairs, strict=True)]
 
 
-Pair = tuple[Array, Array]
+def _ordered(products: Array) -> Array:
+    """Y = [A, z], which is (H, E, ..., z), of the columns z, H, R, E, ..."""
+    return np.concatenate([products[..., 1:4], products[..., LENS:], products[..., :1]], axis=-1)
 
 
 def _design(W: Array, o: Observations, own: Sequence[tuple[Parameter, Array]]) -> list[Pair]:
@@ -215,11 +190,3 @@ def _multiplied(axes: Sequence[Array], images: int) -> tuple[Array, Array]:
         # never a matrix times itself: the symmetric product of a linear algebra library is slow on so small ones
         own, others = own + each[:, :LENS] @ each.mT, others + rows[LENS:] @ rows.mT
     return own, others
-
-
-def _reduced(own: Array, others: Array, S: Array) -> Array:
-    """Products (f, f) in sum over images (g,) without the images' own errors, of which S (g, 6, 6) are the roots."""
-    G = S.mT @ own[:, 1:LENS]
-    C = np.linalg.solve(G[..., 1:LENS] @ S + np.eye(6), G)
-    total = np.concatenate([np.sum(own, axis=0), others])
-    return np.asarray(total - G.reshape(-1, len(total)).mT @ C.reshape(-1, len(total)))

@@ -4,7 +4,8 @@ With diagonal blocks D_k and O_k = T_(k+1,k) below them, elimination from the to
 
     D'_(k+1) = D_(k+1) + O_k J_k,   J_k = -D'_k^-1 O_k^T
 
-and back from the bottom come the blocks of the inverse where T has its own (the whole of it would be dense)::
+and back from the bottom come the blocks of the inverse where T has its own (the whole of it would be dense; SciPy has
+banded solvers but no such inverse, see ``docs/design/solver.md``)::
 
     Z_kk = D'_k^-1 + J_k Z_(k+1)(k+1) J_k^T,   Z_k(k+1) = J_k Z_(k+1)(k+1)
 
@@ -47,26 +48,19 @@ class BlockTridiagonal:
                 back.append(J)
         return cls(factors, back)
 
-    @property
-    def edges(self) -> NDArray[np.int64]:
-        """Where blocks begin and the last one ends."""
-        return np.concatenate([[0], np.cumsum([L.shape[0] for L in self.L])]).astype(np.int64)
-
     def solve(self, right: Array) -> Array:
         """T^-1 right, (w, s)."""
         from scipy.linalg import cho_solve
 
-        at, parts = self.edges, [np.empty((0, right.shape[1]))] * len(self.L)
-        carried = np.zeros((0, right.shape[1]))
-        for k in range(len(self.L)):
-            parts[k] = right[at[k] : at[k + 1]] + carried if k else right[at[k] : at[k + 1]]
-            if k < len(self.J):
-                carried = self.J[k].mT @ parts[k]
+        ends = np.cumsum([L.shape[0] for L in self.L])[:-1]
+        parts = np.split(right, ends)
+        for k, J in enumerate(self.J):
+            parts[k + 1] = parts[k + 1] + J.mT @ parts[k]
         for k in reversed(range(len(self.L))):
             parts[k] = cho_solve((self.L[k], True), parts[k], check_finite=False)
             if k < len(self.J):
                 parts[k] += self.J[k] @ parts[k + 1]
-        return np.concatenate(parts) if parts else right.copy()
+        return np.concatenate(parts)
 
     def inverse_blocks(self) -> tuple[list[Array], list[Array]]:
         """Blocks Z_kk and, one fewer, Z_k(k+1) of T^-1."""

@@ -12,10 +12,10 @@ from ..physics.components import Row, Triple, larger, root
 from ..physics.covariance import square_root
 from ..table.equation import Linearised
 from ..table.observations import Observations
+from .chunks import Rows, repeated_landmarks
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
-Rows = slice | Index
 
 
 def inverse_root(a: Row, b: Row, c: Row, smallest: Row) -> Triple:
@@ -41,23 +41,20 @@ class Design:
 
     ``P`` (..., n, 2, 6 + k + 1) holds ``[G, A, z]``; ``D`` (..., n, 2, 3) is zero for a landmark seen once.
     ``repeated`` (q,) are the landmarks seen more than once, ``place`` (n,) that of each sighting's (-1: not there).
-    ``W`` (..., n, 2, 2) is what whitened them: units of sigma per pixel of column and row.  ``S_attitude``,
-    ``S_position`` (..., m, 3, 3) and ``S_landmark`` (..., q, 3, 3) turn a, a and b back into their own units.
+    ``W`` (..., n, 2, 2) is what whitened them: units of sigma per pixel of column and row.
     """
 
     P: Array
     D: Array
     W: Array
-    S_attitude: Array
-    S_position: Array
-    S_landmark: Array
     repeated: Index
     place: Index
 
 
 @dataclass(frozen=True)
 class Roots:
-    """Square roots of the stated covariances of a table and who shares them: see :class:`Design`."""
+    """Square roots of the stated covariances of a table and who shares them: ``S_attitude``, ``S_position``
+    (..., m, 3, 3) and ``S_landmark`` (..., q, 3, 3) turn a, a and b of :class:`Design` into their own units."""
 
     S_attitude: Array
     S_position: Array
@@ -67,39 +64,36 @@ class Roots:
 
     @classmethod
     def of(cls, o: Observations) -> Roots:
-        times_seen = np.bincount(o.landmark, minlength=o.n_landmarks)
-        repeated = np.flatnonzero(times_seen > 1)
-        place = np.full(o.n_landmarks, -1)
-        place[repeated] = np.arange(repeated.size)
+        repeated = repeated_landmarks(o)
         return cls(
             square_root(o.cov_attitude_E),
             square_root(o.cov_position_J),
             square_root(o.cov_landmark_J[..., repeated, :, :]),
             repeated,
-            place[o.landmark],
+            _places(o, repeated),
         )
 
-    def rows(self, o: Observations, model: Linearised, A: Array, rows: Rows = slice(None)) -> Design:
-        """The design of some rows of the table they were taken from; rows of weight zero vanish."""
-        place, image, noise = self.place[rows], o.image[rows], o.sigma_px[..., rows] ** 2
-        R, again = model.R[..., rows, :, :], np.flatnonzero(place >= 0)
+    def design(self, o: Observations, model: Linearised, A: Array, rows: Rows = slice(None)) -> Design:
+        """The design of a table that is these rows of the one the roots are of; sightings of weight zero vanish."""
+        place, image, noise, R = self.place[rows], o.image, o.sigma_px**2, model.R
+        again = np.flatnonzero(place >= 0)
         a, b, c = noise, np.zeros_like(noise), noise
         if again.size < place.size:
             once = place < 0
-            spread = R @ o.cov_landmark_J[..., o.landmark[rows], :, :]
+            spread = R @ o.cov_landmark_J[..., o.landmark, :, :]
             across, down = R[..., 0, :], R[..., 1, :]
             a = a + once * np.sum(spread[..., 0, :] * across, axis=-1)
             b = once * np.sum(spread[..., 1, :] * across, axis=-1)
             c = c + once * np.sum(spread[..., 1, :] * down, axis=-1)
-        strength = np.sqrt(o.weight[..., rows])
+        strength = np.sqrt(o.weight)
         entries = [strength * entry for entry in inverse_root(a, b, c, noise)]
         W = np.zeros((*np.broadcast_shapes(*(entry.shape for entry in entries)), 2, 2))
         W[..., 0, 0], W[..., 1, 0], W[..., 1, 1] = entries
         blocks = [
-            model.H[..., rows, :, :] @ self.S_attitude[..., image, :, :],
+            model.H @ self.S_attitude[..., image, :, :],
             -R @ self.S_position[..., image, :, :],
-            A[..., rows, :, :],
-            model.z_px[..., rows, :, None],
+            A,
+            model.z_px[..., None],
         ]
         batch = np.broadcast_shapes(W.shape[:-3], *(block.shape[:-3] for block in blocks))
         P = np.empty((*batch, place.size, 2, A.shape[-1] + 7))
@@ -109,13 +103,16 @@ class Roots:
         if again.size:
             D[..., again, :, :] = R[..., again, :, :] @ self.S_landmark[..., place[again], :, :]
             D = _whitened(W, D)
-        roots = (self.S_attitude, self.S_position, self.S_landmark)
-        return Design(_whitened(W, P), D, W, *roots, self.repeated, place)
+        return Design(_whitened(W, P), D, W, self.repeated, place)
 
 
-def whiten(o: Observations, model: Linearised, A: Array) -> Design:
-    """The design in units of the stated errors."""
-    return Roots.of(o).rows(o, model, A)
+def _places(o: Observations, repeated: Index) -> Index:
+    """The place of each sighting's landmark among the repeated ones, (n,), -1 where it is not there."""
+    if repeated.size == 0:
+        return np.broadcast_to(np.int64(-1), o.n)  # of a large table as large as a column of it
+    place = np.full(o.n_landmarks, -1)
+    place[repeated] = np.arange(repeated.size)
+    return place[o.landmark]
 
 
 def sums(values: Array, index: Index, count: int) -> Array:
