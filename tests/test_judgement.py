@@ -19,7 +19,8 @@ from starplumb.judge.separability import combinations, flight_axes, known, ruins
 from starplumb.physics.light import Corrections
 from starplumb.physics.units import ARCSEC
 from starplumb.plan import scene
-from starplumb.solve.reliability import Reliability
+from starplumb.solve.normal import Cofactors, Eliminated
+from starplumb.solve.reliability import Reliability, Solution
 from starplumb.table.geometry import observe
 from starplumb.table.observations import Observations
 from starplumb.table.simulate import Errors
@@ -240,28 +241,14 @@ def swapped(growth: float) -> np.ndarray:
     return N
 
 
-def reliability_of(**parts: np.ndarray) -> Reliability:
-    """One sighting, one image and no landmark seen twice, of which only ``parts`` matter."""
-    whole = {
-        "used": np.ones(1, dtype=bool),
-        "v": np.zeros((1, 2)),
-        "hat": np.zeros((1, 2, 2)),
-        "per_px": np.zeros((1, 2, 2)),
-        "effect": np.zeros((1, 3, 2)),
-        "image_error": np.zeros((1, 6)),
-        "image_cofactor": np.zeros((1, 6, 6)),
-        "landmark_error": np.zeros((0, 3)),
-        "landmark_cofactor": np.zeros((0, 3, 3)),
-        "repeated": np.zeros(0, dtype=np.int64),
-    }
-    return Reliability(**{**whole, **parts})
-
-
 @pytest.mark.parametrize(("share", "dof"), [(0.02, 5), (0.045, 5), (0.055, 6), (0.2, 6)])
 def test_a_direction_of_an_image_is_tested_where_a_twentieth_of_an_error_shows(share, dof):
     """Five numbers fully controlled, the sixth by ``share``: T sums v^2 / control over those that are tested."""
     control = np.diag([1.0, 1.0, 1.0, 1.0, 1.0, share])
-    tested = reliability_of(image_error=np.full((1, 6), 2.0), image_cofactor=(np.eye(6) - control)[None])
+    cofactors = Cofactors((np.eye(6) - control)[None], np.zeros((0, 3, 3)), np.zeros((0, 6, 3)))
+    errors = np.full((1, 6, 1), -2.0)  # C of z alone, whose negative is the error
+    shared = Eliminated(errors, np.zeros((0, 3, 1)), lambda: cofactors)
+    tested = Solution(np.zeros(0), np.zeros((0, 0)), shared, cofactors)
     assert tested.images[1][0] == dof
     assert tested.images[0][0] == pytest.approx(20.0 + (4.0 / share if dof == 6 else 0.0))
 
@@ -270,7 +257,13 @@ def test_a_direction_of_an_image_is_tested_where_a_twentieth_of_an_error_shows(s
 def test_a_sighting_is_tested_however_little_of_it_is_controlled(share, dof):
     """By 2 % as well as by a millionth; below that its residual is zero whatever its error."""
     control = np.diag([1.0, share])
-    tested = reliability_of(v=np.array([[2.0, 3.0 * share]]), hat=(np.eye(2) - control)[None])
+    tested = Reliability(
+        used=np.ones(1, dtype=bool),
+        v=np.array([[2.0, 3.0 * share]]),
+        hat=(np.eye(2) - control)[None],
+        per_px=np.zeros((1, 2, 2)),
+        effect=np.zeros((1, 3, 2)),
+    )
     assert tested.sightings[1][0] == dof
     assert tested.sightings[0][0] == pytest.approx(4.0 + (9.0 * share if dof == 2 else 0.0), rel=1e-9)
 
