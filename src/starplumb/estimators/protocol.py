@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from enum import IntEnum
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,7 @@ class Status(IntEnum):
     WEAK = 1
     SINGULAR = 2
     NOT_CONVERGED = 3
+    REFUTED = 4
 
     @property
     def text(self) -> str:
@@ -39,6 +41,7 @@ _TEXTS = {
     Status.SINGULAR: "the observations do not determine the alignment; wanted at least two markers "
     "well apart, or a prior (projective: four markers in one image, not on a line)",
     Status.NOT_CONVERGED: "the iterations did not converge; the observations contradict each other or the model",
+    Status.REFUTED: "the observations contradict the answer, so that neither it nor its sigma can be believed",
 }
 
 
@@ -70,6 +73,23 @@ class ParameterVector:
 
 
 @dataclass(frozen=True)
+class Rival:
+    """Another answer, on which sightings that were rejected agree.
+
+    ``support`` (...) is the number of images that speak for it, each by its share of their sightings, over that of the
+    images that speak for the answer: 0 for none, 1 for as many; ``turn_E`` (..., 3) rad leads from the answer to it,
+    ``C_EK_other = exp(turn_E) C_EK``; ``images`` (...) counts those that speak for it.
+    """
+
+    support: Array
+    turn_E: Array
+    images: NDArray[np.int64]
+
+
+NO_RIVAL = Rival(np.zeros(()), np.zeros(3), np.zeros((), dtype=np.int64))
+
+
+@dataclass(frozen=True)
 class AlignmentEstimate:
     """An estimated mounting with what is known of its error.
 
@@ -77,7 +97,8 @@ class AlignmentEstimate:
     error source in it, None where the method has no covariance; ``status`` (...) of :class:`Status`;
     ``chi2`` (...) with ``degrees_of_freedom``, None where the method has none; ``iterations`` (...).
     ``verdict`` (..., n) of :class:`Verdict` on each sighting, None where the method takes all; ``parameters`` what was
-    estimated beside the alignment, None for nothing.
+    estimated beside the alignment, None for nothing; ``rival`` what the sightings left out agree on, None where
+    that was not looked for.
 
     ``unknowns`` of the generalised least squares whose answer this is, by which residuals, tests of sightings and
     contributions of error sources are judged; None where the method does not say, and the answer is then compared
@@ -96,6 +117,7 @@ class AlignmentEstimate:
     unknowns: Unknowns | None = None
     naive_covariance_E: Array | None = None
     notes: tuple[str, ...] = ()
+    rival: Rival | None = None
 
     @property
     def sigma_E(self) -> Array | None:
@@ -116,6 +138,23 @@ class AlignmentEstimate:
         """Short sentences about one run for a comparison of methods: its notes, or why it must not be used."""
         status = Status(int(self.status))
         return self.notes if status.usable else (status.text,)
+
+
+def stack(runs: list[AlignmentEstimate], batch: tuple[int, ...]) -> AlignmentEstimate:
+    """Estimates of single runs as one with batch axes."""
+
+    def gathered(parts: Sequence[object], *names: str) -> dict[str, Any]:
+        columns = {name: [np.asarray(getattr(part, name)) for part in parts] for name in names}
+        return {name: np.reshape(column, (*batch, *column[0].shape)) for name, column in columns.items()}
+
+    names = ("C_EK", "covariance_E", "status", "iterations", "chi2", "degrees_of_freedom", "verdict")
+    parameters = runs[0].parameters
+    if parameters is not None:
+        vectors = [run.parameters for run in runs]
+        parameters = replace(parameters, **gathered(vectors, "values", "covariance", "information"))
+    rivals = [run.rival or NO_RIVAL for run in runs]
+    rival = Rival(**gathered(rivals, "support", "turn_E", "images"))
+    return replace(runs[0], **gathered(runs, *names), parameters=parameters, rival=rival)
 
 
 def _sigma(covariance: Array) -> Array:

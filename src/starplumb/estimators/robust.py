@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..physics import so3
 from ..solve.reliability import NOISE, Tested, excess
 from ..table.observations import Observations
-from .consensus import Consensus, Directions, cluster, consensus, own_covariance
+from .agreement import agreed, clusters_of, contradicting, large
+from .consensus import Consensus, Directions, consensus
 from .fit import Fit, State, Unknowns
 from .gls import Gls
-from .protocol import AlignmentEstimate, Status, Verdict
+from .protocol import NO_RIVAL, AlignmentEstimate, Rival, Status, Verdict, stack
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -26,6 +26,8 @@ LEAST = 4
 AT_ONCE = 1e-3
 """Share of all images, or landmarks, that may leave together, the worst one in any case."""
 PASSES = 60
+EVEN = 0.8
+"""Support of a rival answer, over that of the answer, from which on nothing says which of the two is right."""
 
 
 @dataclass(frozen=True)
@@ -34,8 +36,9 @@ class Robust:
 
     1. :func:`consensus <starplumb.estimators.consensus.consensus>`: the rotation most sightings agree on to within the
        stated errors, shared ones included.  Finds the mounting whatever the initial error.
-    2. In each image the largest cluster of residuals that differ by no more than what its sightings do not share: the
-       attitude error of an image moves all of its residuals alike and is many pixels, the difference of two is not.
+    2. In each image a cluster of residuals that differ by no more than what its sightings do not share: the attitude
+       error of an image moves all of its residuals alike and is many pixels, the difference of two is not.  Of several,
+       the one on which the images agree (:mod:`starplumb.estimators.agreement`).
     3. Data snooping (:mod:`starplumb.solve.reliability`): the worst sighting of each image, the worst image or the
     worst
        landmark leaves while its statistic exceeds the critical value, and whatever fits comes back.
@@ -43,7 +46,8 @@ class Robust:
 
     A good sighting is rejected with probability ``alpha`` (1e-3 is Baarda's choice), a good image or landmark with
     ``alpha_group``; on clean data that costs 0.2 % of the information.  Where hardly more sightings agree than would by
-    chance, or as many images are called wrong as are kept, the estimate is ``NOT_CONVERGED``.
+    chance the estimate is ``NOT_CONVERGED``; where the rejected ones agree on another answer, and are nearly as many as
+    those kept, it is ``REFUTED``.
     """
 
     gls: Gls = field(default_factory=Gls)
@@ -95,7 +99,7 @@ class _Search:
         """An estimate by gls as that of this method."""
         left_out = int(np.sum(verdict != int(Verdict.USED)))
         note = f"gls without the sightings that the others contradict: {left_out} left out"
-        return replace(estimate, status=status, verdict=verdict, notes=(note,))
+        return replace(estimate, status=status, verdict=verdict, notes=(note,), rival=NO_RIVAL)
 
     def at(self, state: State, used: Mask) -> Fit:
         """The adjustment of the sightings used at a state."""
@@ -134,7 +138,7 @@ class _Search:
     def refine(self, found: Consensus) -> AlignmentEstimate:
         state = State(found.C_EK, np.zeros(len(self.unknowns.names)))
         for _ in range(2):
-            used = self._clusters(state, found)
+            state, used = self._agreed(state, found)
             state = self.moved(state, used, 2)
             found = self._nearer(state)
         used = self._widened(state, used, found.agree)
@@ -144,17 +148,19 @@ class _Search:
             verdict[self.seen & (self.o.image == i)] = int(Verdict.IMAGE)
         for place in self._wrong_landmarks(state, verdict):
             verdict[(self.o.landmark == place) & (verdict != int(Verdict.IMAGE))] = int(Verdict.LANDMARK)
-        return self._finish(state, verdict)
+        return self._finish(state, verdict, found)
 
-    def _clusters(self, state: State, found: Consensus) -> Mask:
-        """Of the sightings that agree, those in the largest cluster of residuals of their image."""
-        uncertain, kept = self._uncertainty(found), np.zeros(self.o.n, dtype=bool)
-        for rows, (table, model, A) in self.at(state, found.agree).parts():
-            agree = found.agree[rows]
-            V, U = own_covariance(table, model), A[..., : uncertain.size] * uncertain
-            for mine in members(table.image, agree):
-                kept[rows[mine]] = cluster(model.z_px[mine], V[mine], U[mine])
-        return kept
+    def _agreed(self, state: State, found: Consensus) -> tuple[State, Mask]:
+        """The state on which the images agree, and the sightings of the clusters that say so."""
+        kept = np.zeros(self.o.n, dtype=bool)
+        parts = self.at(state, self.seen).parts()
+        clusters = large(clusters_of(parts, self.seen, self._uncertainty(found)))
+        if clusters.size == 0:
+            return state, found.agree
+        answer = agreed(clusters)
+        for k in answer.clusters:
+            kept[clusters.rows[k]] = True
+        return State(so3.exp(answer.d_E) @ state.C_EK, state.values), kept
 
     def _uncertainty(self, found: Consensus) -> Array:
         """Standard deviations (3 + p + c,) of a state found by consensus, which may still bend an image's residuals."""
@@ -267,22 +273,28 @@ class _Search:
         verdict[out], verdict[back] = int(Verdict.SIGHTING), int(Verdict.USED)
         return verdict if np.any(out | back) else None
 
-    def _finish(self, state: State, verdict: NDArray[np.int64]) -> AlignmentEstimate:
+    def _finish(self, state: State, verdict: NDArray[np.int64], found: Consensus) -> AlignmentEstimate:
         used = self.seen & (verdict == int(Verdict.USED))
-        wrong = np.unique(self.o.image[verdict == int(Verdict.IMAGE)]).size
-        if wrong and wrong >= np.unique(self.o.image[used]).size:
-            return self.failed()  # as many images say one thing as say another
+        if not np.any(used):
+            return self.failed()
         kept = replace(self.o, weight=np.where(used, self.o.weight, 0.0))
         estimate = self.options.gls.estimate(kept, self.C_EK_model, state)
-        return self.described(estimate, estimate.status, verdict)
+        other = self._rival(estimate, used, found)
+        status = estimate.status
+        if other.support >= EVEN and Status(int(status)).usable:
+            status = np.asarray(int(Status.REFUTED))
+        return replace(self.described(estimate, status, verdict), rival=other)
 
-
-def members(image: NDArray[np.int64], chosen: Mask) -> Iterator[NDArray[np.int64]]:
-    """The chosen rows of each image that has any."""
-    rows = np.flatnonzero(chosen)
-    rows = rows[np.argsort(image[rows], kind="stable")]
-    if rows.size:
-        yield from np.split(rows, np.flatnonzero(np.diff(image[rows])) + 1)
+    def _rival(self, estimate: AlignmentEstimate, used: Mask, found: Consensus) -> Rival:
+        """The answer that the rejected sightings support best."""
+        values = np.zeros(0) if estimate.parameters is None else estimate.parameters.values
+        parts = self.at(State(estimate.C_EK, values), self.seen).parts()
+        against = contradicting(clusters_of(parts, self.seen, self._uncertainty(found)), used)
+        if against.size == 0:
+            return NO_RIVAL
+        counts, kept = (np.bincount(self.o.image[m], minlength=self.o.n_images) for m in (self.seen, used))
+        answer, own = agreed(against), np.sum(kept / np.maximum(counts, 1))
+        return Rival(np.asarray(answer.votes / own), answer.d_E, np.asarray(answer.clusters.size))
 
 
 def _largest_of(T: Array, used: Mask, group: NDArray[np.int64]) -> Array:
@@ -290,18 +302,3 @@ def _largest_of(T: Array, used: Mask, group: NDArray[np.int64]) -> Array:
     largest = np.zeros(group.max(initial=0) + 1)
     np.maximum.at(largest, group[used], T[used])
     return np.asarray(largest[group])
-
-
-def stack(runs: list[AlignmentEstimate], batch: tuple[int, ...]) -> AlignmentEstimate:
-    """Estimates of single runs as one with batch axes."""
-
-    def gathered(parts: Sequence[object], *names: str) -> dict[str, Any]:
-        columns = {name: [np.asarray(getattr(part, name)) for part in parts] for name in names}
-        return {name: np.reshape(column, (*batch, *column[0].shape)) for name, column in columns.items()}
-
-    names = ("C_EK", "covariance_E", "status", "iterations", "chi2", "degrees_of_freedom", "verdict")
-    parameters = runs[0].parameters
-    if parameters is not None:
-        vectors = [run.parameters for run in runs]
-        parameters = replace(parameters, **gathered(vectors, "values", "covariance", "information"))
-    return replace(runs[0], **gathered(runs, *names), parameters=parameters)
