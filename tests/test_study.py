@@ -280,7 +280,7 @@ def test_shared_errors_left_out_are_told_by_ratio_and_chi_square(summary):
 
 def test_failures_are_counted_and_not_dropped(two_images, summary):
     found = summary(two_images, trials=256, methods={"broken": Broken()}, chunk=256)["methods"]["broken"]
-    assert found["status"] == {"ok": 170, "weak": 0, "singular": 0, "not_converged": 86}
+    assert found["status"] == {"ok": 170, "weak": 0, "singular": 0, "not_converged": 86, "refuted": 0}
     assert (found["failed"], found["without_estimate"]) == (86, 1)
     assert "86 of 256 runs failed" in found["verdict"][0]
     assert found["axes"]["x"]["error_over_stated"] is None
