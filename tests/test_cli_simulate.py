@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from command import starplumb
 from starplumb.cli.app import app
 from starplumb.estimators import METHODS
 from starplumb.estimators.protocol import Status
@@ -104,3 +105,22 @@ class Hopeless(Wahba):
     def __call__(self, observations, C_EK):
         found = super().__call__(observations, C_EK)
         return replace(found, status=np.full_like(found.status, Status.NOT_CONVERGED))
+
+
+def test_the_exit_status_is_3_only_where_every_run_failed(monkeypatch):
+    """One run of twenty with an answer is enough for figures, of which the verdict then says what they are worth."""
+    arguments = ["simulate", "two-images", "--trials", "20", "--workers", "1", "--quiet", "--methods"]
+    monkeypatch.setitem(METHODS, "hopeless", lambda: Hopeless())
+    monkeypatch.setitem(METHODS, "once", lambda: Once())
+    assert starplumb(*arguments, "once").status == 0
+    done = starplumb(*arguments, "once,hopeless")
+    assert (done.status, done.out) == (3, "")
+    assert done.err.startswith("starplumb: two-images: hopeless failed in all 20 runs")
+
+
+class Once(Hopeless):
+    """Converges in the first run only."""
+
+    def __call__(self, observations, C_EK):
+        found = super().__call__(observations, C_EK)
+        return replace(found, status=np.where(np.arange(found.status.size) == 0, Status.OK, found.status))

@@ -22,6 +22,7 @@ from command import starplumb
 from helpers import CAMPAIGN, FILES, write_good_campaign
 from starplumb.physics import so3
 from starplumb.physics.units import ARCSEC
+from starplumb.session.frames import Frame
 from starplumb.session.location import place, view_of
 
 PACKAGE = Path(sp.__file__).parent
@@ -327,3 +328,34 @@ def test_a_wrong_cell_of_a_frame_is_named(tmp_path):
     images["time"][1] = "yesterday"
     with pytest.raises(sp.InputError, match=r"row 1.*time.*yesterday"):
         sp.Campaign.from_tables(path, images=images)
+
+
+def numbered(rows):
+    """A frame of so many rows with a number that does not exist in the second."""
+    value = np.ma.MaskedArray(np.arange(float(rows)), mask=np.arange(rows) == 1)
+    return Frame("numbers", ("name", "value"), ([f"n{i}" for i in range(rows)], value))
+
+
+def test_a_number_that_does_not_exist_is_nan_in_a_frame():
+    value = numbered(3).to_dict()["value"]
+    assert type(value) is np.ndarray
+    np.testing.assert_array_equal(value, [0.0, np.nan, 2.0])
+    pandas = pytest.importorskip("pandas")
+    assert numbered(3).to_frame()["value"].isna().tolist() == [False, True, False]
+    assert isinstance(numbered(3).to_frame(), pandas.DataFrame)
+
+
+@pytest.mark.parametrize(("rows", "title"), [(5, "numbers: 5 rows"), (6, "numbers: 6 rows, the first 5")])
+def test_five_rows_of_a_frame_are_shown(rows, title):
+    (table,) = numbered(rows).tables
+    assert table.caption == title
+    assert [row[0] for row in table.rows] == ["n0", "n1", "n2", "n3", "n4"]
+    assert [row[1] for row in table.rows] == ["0", "nan", "2", "3", "4"]
+    assert len(numbered(rows)) == rows
+    assert len(Frame("empty", (), ())) == 0
+
+
+def test_a_frame_without_pandas_names_the_way_out(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with pytest.raises(sp.InputError, match=r"to_frame needs pandas.*pip install pandas, or to_dict"):
+        numbered(2).to_frame()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -13,9 +14,18 @@ from starplumb.estimators.fit import Fit, State, Unknowns
 from starplumb.estimators.gls import Gls
 from starplumb.estimators.protocol import AlignmentEstimate, ParameterVector, Status
 from starplumb.judge.calibrate import calibrate
-from starplumb.judge.consistency import findings
+from starplumb.judge.compare import compare
+from starplumb.judge.consistency import _confirmed, findings
 from starplumb.judge.residuals import residuals
-from starplumb.judge.separability import combinations, flight_axes, known, ruins_alignment, without_gain
+from starplumb.judge.separability import (
+    combinations,
+    flight_axes,
+    in_words,
+    known,
+    ruins_alignment,
+    without_gain,
+)
+from starplumb.physics import so3
 from starplumb.physics.light import Corrections
 from starplumb.physics.units import ARCSEC
 from starplumb.plan import scene
@@ -288,3 +298,163 @@ def test_the_probability_of_a_calibration_is_that_of_its_own_chi_square(rng):
     done = calibrate(campaign, Gls())
     assert done.estimate.degrees_of_freedom == 2 * 12 - 3
     assert done.chi2_p == pytest.approx(stats.chi2.sf(float(done.estimate.chi2), 21), rel=1e-9)
+
+
+X_K, Y_K = np.eye(3)[0], np.eye(3)[1]
+
+
+def turned(v_K: np.ndarray) -> np.ndarray:
+    """The true mounting turned about the camera's axes, in arcsec."""
+    return C_EK_TRUE @ so3.exp(v_K * ARCSEC)
+
+
+def about_the_switch(table, correction, shift, chi2=(100.0, 100.0), **other):
+    """Sentences on the aberration where a correction (") was found, and the other switch moves the answer by a shift.
+
+    Chi-square is that with the stated and with the other switch, of 125 degrees of freedom.
+    """
+    dof = np.array(125)
+    estimate = estimate_with(table, C_EK=turned(correction), chi2=np.array(chi2[0]), degrees_of_freedom=dof)
+    other_chi2 = None if chi2[1] is None else np.array(chi2[1])
+    opposite = {"C_EK": turned(correction + shift), "chi2": other_chi2, "degrees_of_freedom": dof}
+    found = findings(table, C_EK_TRUE, estimate, lambda o, C: estimate_with(o, **(opposite | other)))
+    return [f for f in found if "aberration" in f.sentence]
+
+
+@pytest.mark.parametrize(
+    ("gain", "said", "weakens"),
+    [
+        (12.1, "looks wrong", True),
+        (11.9, "cannot be checked", False),
+        (0.0, "cannot be checked", False),
+        (-3.9, "cannot be checked", False),
+        (-4.1, None, None),
+    ],
+)
+def test_the_aberration_switch_is_wrong_from_a_gain_of_12_and_confirmed_from_a_loss_of_4(
+    table, gain, said, weakens
+):
+    found = about_the_switch(table, 0.0 * X_K, 5.0 * X_K, (100.0, 100.0 - gain))
+    assert [f.weakens for f in found] == ([] if said is None else [weakens])
+    assert all(said in f.sentence for f in found)
+
+
+@pytest.mark.parametrize(("shift_arcsec", "said"), [(1.9, False), (2.1, True)])
+def test_a_switch_that_moves_the_boresight_by_less_than_2_arcsec_is_not_worth_a_sentence(
+    table, shift_arcsec, said
+):
+    """However far it turns the camera about the boresight."""
+    found = about_the_switch(table, 0.0 * X_K, np.array([0.0, shift_arcsec, 40.0]))
+    assert bool(found) is said
+
+
+@pytest.mark.parametrize(
+    ("correction_arcsec", "suspect"),
+    [(-3.4, False), (-3.6, True), (-14.9, True), (-15.1, False), (3.6, False)],
+)
+def test_a_switch_is_suspected_where_the_other_leaves_a_correction_smaller_by_much_of_the_shift(
+    table, correction_arcsec, suspect
+):
+    """A shift of +5" leaves 1.6 of -3.4: 1.8 less, under 0.4 x 5. Of -3.6 it leaves 1.4; beyond 3 x 5 it is no news."""
+    (found,) = about_the_switch(table, correction_arcsec * Y_K, 5.0 * Y_K)
+    assert ("may be wrong" in found.sentence) is suspect
+    assert ("cannot be checked" in found.sentence) is not suspect
+    assert found.informs is not suspect
+    here, there = abs(correction_arcsec), abs(correction_arcsec + 5.0)
+    assert f"across the boresight is {here:.1f} arcsec, with aberration = false {there:.1f}" in found.sentence
+
+
+@pytest.mark.parametrize(
+    ("chi2", "said"), [((12600.0, 12520.0), False), ((12600.0, 12480.0), True), ((12480.0, 12300.0), True)]
+)
+def test_fits_with_residuals_ten_times_too_large_are_no_argument(table, chi2, said):
+    """100 times 125 degrees of freedom is 12500: only where both lie above is nothing said."""
+    assert bool(about_the_switch(table, 0.0 * X_K, 5.0 * X_K, chi2)) is said
+
+
+def test_a_switch_without_an_answer_is_no_argument(table):
+    assert about_the_switch(table, 0.0 * X_K, 5.0 * X_K, (100.0, None)) == []
+    assert about_the_switch(table, 0.0 * X_K, 5.0 * X_K, status=np.array(int(Status.SINGULAR))) == []
+
+
+@pytest.mark.parametrize(("rise", "confirmed"), [(11.9, False), (12.1, True), (-20.0, False)])
+def test_a_sample_confirms_the_switch_from_a_rise_of_12(table, rise, confirmed):
+    def estimator(o, C_EK, **changes):
+        stated = o.corrections.aberration == table.corrections.aberration
+        return estimate_with(o, **({"chi2": np.array(100.0 if stated else 100.0 + rise)} | changes))
+
+    assert _confirmed(table, C_EK_TRUE, estimator) is confirmed
+    assert not _confirmed(table, C_EK_TRUE, partial(estimator, status=np.array(int(Status.SINGULAR))))
+    assert not _confirmed(table, C_EK_TRUE, partial(estimator, chi2=None))
+
+
+@pytest.mark.parametrize(
+    ("known_from_data", "square", "contradicts"),
+    [
+        (3, stats.chi2.isf(1.1e-4, 3), False),
+        (3, stats.chi2.isf(0.9e-4, 3), True),
+        (2, stats.chi2.isf(1.1e-4, 2), False),
+        (2, stats.chi2.isf(0.9e-4, 2), True),
+    ],
+)
+def test_a_prior_is_contradicted_beyond_one_in_ten_thousand(table, known_from_data, square, contradicts):
+    """A correction d about x of E with the covariance prior less posterior, here (10^2 - 6^2) arcsec^2 = (8")^2.
+
+    Where the data say nothing of z its posterior is its prior, and only two axes can contradict it.
+    """
+    posterior = np.array([6.0, 6.0, 6.0 if known_from_data == 3 else 10.0]) * ARCSEC
+    o = replace(table, prior_E=np.eye(3) * (10.0 * ARCSEC) ** 2)
+    C_EK = so3.exp([8.0 * np.sqrt(square) * ARCSEC, 0.0, 0.0]) @ C_EK_TRUE
+    estimate = estimate_with(table, C_EK=C_EK, covariance_E=np.diag(posterior**2))
+    found = [f for f in findings(o, C_EK_TRUE, estimate, Gls()) if "contradict" in f.sentence]
+    assert [f.weakens for f in found] == ([True] if contradicts else [])
+
+
+@pytest.mark.parametrize(("share", "along_track"), [(0.09, False), (0.11, True)])
+def test_the_axes_of_flight_follow_the_track_where_a_tenth_of_the_speed_is_left_across_the_boresight(
+    share, along_track
+):
+    """A camera that looks along z of E and moves nearly along its own line of sight, a little along x."""
+    o = by_hand()
+    v_E = 7000.0 * np.array([share, 0.0, np.sqrt(1.0 - share**2)])
+    o = replace(o, v_J=np.tile(o.C_EJ[0].T @ v_E, (o.n, 1)))
+    roll = flight_axes(o, np.eye(3))[:, 0]
+    np.testing.assert_allclose(roll, X_K if along_track else Y_K, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("tracker_ST2_y", "the mounting of tracker ST2 about y"),
+        ("look_x_3", "the look angles' x term of degree 3"),
+        ("principal_row", "the principal point's row"),
+        ("p1", "the distortion p1"),
+    ],
+)
+def test_parameters_in_words(name, words):
+    assert in_words(name) == words
+
+
+@pytest.mark.parametrize(
+    ("times", "remark"), [(1.04, ()), (1.06, ("sigma up to 1.06 times that of gls",)), (None, ())]
+)
+def test_a_method_that_knows_less_than_gls_by_a_twentieth_is_said_to(times, remark):
+    """Its answer is a hand's breadth from that of gls: two sigmas of gls about x."""
+    campaign = truth(FRAME, images=3, markers=4)
+
+    def method(o, C_EK):
+        gls = Gls()(o, C_EK)
+        d_E = np.array([2.0, 0.0, 0.0]) * gls.sigma_E
+        covariance = None if times is None else gls.covariance_E * times**2
+        return replace(gls, C_EK=so3.exp(d_E) @ gls.C_EK, covariance_E=covariance, notes=())
+
+    def broken(o, C_EK):
+        return replace(method(o, C_EK), status=np.array(int(Status.NOT_CONVERGED)))
+
+    mine, lost = compare(campaign, {"mine": lambda: method, "lost": lambda: broken})
+    assert mine.remarks == remark
+    np.testing.assert_allclose(mine.from_gls, [2.0, 0.0, 0.0], atol=1e-6)
+    assert (mine.sigma_E is None) is (times is None)
+    assert lost.sigma_E is None
+    assert np.all(np.isnan(lost.from_gls))
+    assert lost.remarks == (Status.NOT_CONVERGED.text,)

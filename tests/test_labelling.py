@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import tracemalloc
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from problems import C_EK_TRUE, FRAME, LINE, SIGMAS, truth
+from starplumb.estimators.consensus import Directions
+from starplumb.estimators.protocol import Status, Verdict
 from starplumb.estimators.robust import Robust
-from starplumb.identify import placement
+from starplumb.identify import labelling, placement
 from starplumb.identify.labelling import Label, label
 from starplumb.judge.calibrate import calibrate
 from starplumb.physics import so3
@@ -167,3 +171,150 @@ def test_a_thousand_detections_take_little_memory(rng):
     np.testing.assert_array_equal(found.landmark[given], named[given])
     assert np.sum(given) > 0.98 * np.sum(named >= 0)
     assert peak < 250e6
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"status": Status.SINGULAR}, "the labels found contradict each other"),
+        ({"status": Status.NOT_CONVERGED}, "the labels found contradict each other"),
+        ({"verdict": Verdict.SIGHTING}, "the labels found do not determine the alignment"),
+    ],
+)
+def test_labels_that_give_no_alignment_are_refused(changes, said, rng, monkeypatch):
+    """Found by agreement, then judged unusable, or rejected one and all, by the estimate made from them."""
+
+    def judged(table, C_EK):
+        found = Robust()(table, C_EK)
+        fields = {name: np.full_like(getattr(found, name), int(value)) for name, value in changes.items()}
+        return replace(found, **fields)
+
+    campaign, detections, _ = unnamed(truth(FRAME, 2, 6), rng, clutter=0.0, bias_px=0.0)
+    assert label(campaign, detections).counts["labelled"] == 12
+    monkeypatch.setattr(labelling, "Robust", lambda: judged)
+    found = label(campaign, detections)
+    assert found.refusal == said
+    assert found.counts == {"detections": 12, "labelled": 0, "no_landmark": 12, "ambiguous": 0}
+    assert np.all(found.landmark == -1)
+    np.testing.assert_array_equal(found.C_EK, campaign.C_EK)
+    assert found.sightings(detections).image.size == 0
+
+
+# three detections: the first with two candidates, the second and third claim the same landmark of the same image
+PAIRED = SimpleNamespace(image=np.array([0, 0, 0, 0, 1]), landmark=np.array([3, 4, 5, 5, 5]), n_landmarks=6)
+DETECTION = np.array([0, 0, 1, 2, 3])
+
+
+def test_the_best_of_a_detection_and_of_a_landmark_by_hand():
+    best = labelling._alone(DETECTION, PAIRED, np.array([2.0, 1.0, 5.0, 4.0, 9.0]))
+    assert best.tolist() == [False, True, False, True, True]
+
+
+@pytest.mark.parametrize(
+    ("fits", "only"),
+    [
+        ([1, 1, 1, 1, 1], [0, 0, 0, 0, 1]),
+        ([1, 0, 1, 0, 0], [1, 0, 1, 0, 0]),
+        ([0, 1, 1, 1, 1], [0, 1, 0, 0, 1]),
+    ],
+)
+def test_what_fits_two_is_given_to_none_by_hand(fits, only):
+    """Neither a detection with two landmarks nor a landmark with two detections in its image; another image is free."""
+    assert labelling._only(DETECTION, PAIRED, np.array(fits, dtype=bool)).tolist() == [bool(x) for x in only]
+
+
+def placements(explained, chance, turn_deg=(0.0, 1.0), detections=30):
+    """Rotations about z that explain so many of the detections, and candidates with a gate of 0.1 deg."""
+    C = so3.exp(np.array([[0.0, 0.0, angle] for angle in turn_deg]) * DEG)
+    sight = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    candidates = SimpleNamespace(
+        number_explained=lambda R: explained[int(np.argmin([np.abs(R - one).max() for one in C]))],
+        by_chance=chance,
+        detections=detections,
+        detection=np.arange(2),
+        directions=SimpleNamespace(e_K=sight),
+        gate=np.full(2, (0.1 * DEG) ** 2),
+    )
+    return candidates, C
+
+
+@pytest.mark.parametrize(
+    ("explained", "chance", "believed"),
+    [(3, 1e-9, False), (4, 1e-9, True), (9, 0.90, True), (9, 0.95, False)],
+)
+def test_a_placement_is_believed_from_4_detections_on_that_chance_does_not_explain(
+    explained, chance, believed
+):
+    """Two of the nine are those it was made from: 7 or more by chance in either of two rotations, 1e-4 at most."""
+    c, C = placements((explained, 0), chance, (0.0, 0.01))
+    if explained > 4:
+        assert (2.0 * stats.poisson.sf(explained - 3, chance) < 1e-4) == believed
+    said = placement._doubt(c, C, np.array([9.0, 0.0]), 0)
+    assert said == (
+        ""
+        if believed
+        else f"no placement of the landmarks explains more than {explained} of the 30 detections, "
+        "which chance does as well"
+    )
+
+
+@pytest.mark.parametrize(
+    ("explained", "chance", "believed"),
+    [
+        ((12, 8), 0.033, False),
+        ((12, 8), 0.031, True),
+        ((12, 9), 0.0101, False),
+        ((12, 9), 0.0099, True),
+        ((25, 6), 3.0, False),
+        ((25, 5), 3.0, True),
+    ],
+)
+def test_two_placements_are_told_apart_by_odds_of_a_million(explained, chance, believed):
+    """Each match that the rival lacks is worth 1 / chance, at least 2: 31.6^4, 100^3 and 2^19.9 are a million."""
+    c, C = placements(explained, chance)
+    said = placement._doubt(c, C, np.array([11.0, 7.0]), 0)
+    assert said == (
+        ""
+        if believed
+        else f"two placements of the landmarks, 1 deg apart, explain {explained[0]} and {explained[1]} "
+        "of the 30 detections: which is right cannot be told"
+    )
+
+
+@pytest.mark.parametrize(("turn_deg", "same"), [(0.19, True), (0.21, False)])
+def test_placements_within_twice_the_gate_are_one(turn_deg, same):
+    """A neighbour of the best explains as much without being a rival."""
+    c, C = placements((12, 12), 0.05, (0.0, turn_deg))
+    assert (placement._doubt(c, C, np.array([11.0, 10.9]), 0) == "") is same
+
+
+def test_what_chance_explains_by_hand():
+    """Gates of 4 sigma, twice the sighting's own and the image's variance, over the area within reach."""
+    own, shared = np.array([1e-4, 1e-4, 1.0]), np.array([1e-4, 3e-4, 0.0])
+    directions = Directions(np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3, int), own, shared)
+    c = placement.Candidates(None, np.arange(3), directions, 3, 0.01)
+    np.testing.assert_allclose(c.gate, [16.0 * 4e-8, 16.0 * 20e-8, 32.0])
+    assert c.by_chance == pytest.approx(0.0064 + 0.032 + 1.0)
+
+
+@pytest.mark.parametrize(
+    ("candidates", "said"),
+    [
+        (0, "no landmark lies within 2 deg of any detection's predicted place"),
+        (3, "no two detections of an image match two landmarks within 2 deg of their predicted places"),
+    ],
+)
+def test_why_there_is_no_placement(candidates, said):
+    c = SimpleNamespace(detection=np.arange(candidates), reach=2.0 * DEG)
+    assert placement._why_nothing(c).startswith(said)
+
+
+def test_one_detection_an_image_matches_nothing(rng):
+    """Pairs of one image fix a rotation: without any the model mounting stays, and the reason says what is missing."""
+    true = truth(FRAME, 3, 6)
+    campaign, d, _ = unnamed(true, rng, clutter=0.0)
+    first = np.array([np.flatnonzero(d.image == i)[0] for i in range(3)])
+    alone = Detections(d.image[first], d.column_px[first], d.row_px[first], d.sigma_px[first])
+    found = label(campaign, alone)
+    assert found.refusal.startswith("no two detections of an image match")
+    np.testing.assert_array_equal(found.C_EK, campaign.C_EK)

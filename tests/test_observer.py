@@ -263,3 +263,34 @@ def test_compiled_code_gives_the_same_statistics(rng):
     np.testing.assert_allclose(
         np.std(error_arcsec(compiled), axis=0), np.std(error_arcsec(plain), axis=0), rtol=1e-3
     )
+
+
+@pytest.mark.parametrize(("times", "status"), [(1.01, Status.OK), (0.99, Status.WEAK)])
+def test_an_answer_is_weak_where_the_last_cycle_moved_it_by_more_than_the_limit(times, status):
+    """The limit just above and just below the very move of the last of three cycles."""
+    model = so3.exp(np.array([1.0, -0.5, 0.8]) * DEG) @ C_EK_TRUE
+    moved = np.linalg.norm(Observer(cycles=3)(two_images(), model).change_E, axis=-1)
+    assert moved[0] > 1.1 * moved[1]
+    found = Observer(cycles=3, settle=times * float(moved[1]))(two_images(), model)
+    assert found.status == status
+    assert found.cycles_needed == (2 if status is Status.OK else 0)
+    assert found.describe()[-1] == (
+        "settled by cycle 2" if status is Status.OK else "had not settled after its last cycle"
+    )
+    always = Observer(cycles=3, settle=1.01 * float(moved[0]))(two_images(), model)
+    assert always.cycles_needed == 1
+    assert Observer(cycles=1)(two_images(), model).status == Status.OK
+
+
+@pytest.mark.parametrize(("apart", "status"), [(1e-8, Status.SINGULAR), (1e-7, Status.OK)])
+def test_two_directions_that_rounding_cannot_tell_apart_are_one(apart, status):
+    """Two unit vectors so many rad apart scatter by apart^2 / 4 each about their mean, against 1e-15."""
+    table = two_images().select(np.array([0, 0]))
+    e_E = np.array([[0.0, 0.0, 1.0], [0.0, apart, 1.0]])
+    pair = replace(table, e_E=e_E, xy_K=np.array([[0.0, 0.0], [0.0, apart]]))
+    assert Observer(settle=10.0)(pair, np.eye(3)).status == status
+
+
+def test_what_an_unusable_answer_says_is_why(rng):
+    one = two_images().select(np.array([0]))
+    assert Observer()(one, C_EK_TRUE).describe() == (Status.SINGULAR.text,)

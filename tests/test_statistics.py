@@ -7,6 +7,7 @@ import pytest
 from scipy import stats
 
 from starplumb.study.statistics import Moments, chi2_band, quantile, trials_for
+from starplumb.study.verdict import verdict
 
 
 @pytest.mark.parametrize("cuts", [[1000], [1, 999], [10, 400, 77, 513], [0, 1000]])
@@ -71,3 +72,91 @@ def test_chi_square_band_and_sample_size_rule():
     assert trials_for(0.01) == 45000  # the figure of Lebedev and Tkachenko (2012)
     assert trials_for(0.1) == 450
     assert trials_for(0.01, kurtosis=8.0) == 157500
+
+
+def ratio(value=1.0, wrong=False, low=0.99):
+    return {"value": value, "low": low, "high": 2.0, "band_low": 0.98, "band_high": 1.02, "wrong": wrong}
+
+
+def document(kurtosis=3.0, stated=None, nees=None, fit=None, bound=None, failed=0, lost=0):
+    """What a study of a hundred trials found of one method; all is well unless said otherwise, of z alone."""
+    axes = {
+        axis: {"kurtosis": k, "error_over_stated": r, "rmse_over_bound": b}
+        for axis, k, r, b in zip(
+            "xyz",
+            (3.0, 3.0, kurtosis),
+            (ratio(), ratio(), stated or ratio()),
+            (ratio(), ratio(), bound),
+            strict=True,
+        )
+    }
+    return {
+        "failed": failed,
+        "without_estimate": lost,
+        "status": {"ok": 100 - failed, "weak": 0, "not_converged": failed},
+        "axes": axes,
+        "nees": nees or ratio(),
+        "chi2_per_degree_of_freedom": fit,
+        "trials_for_1_percent": 9,
+    }
+
+
+RIGHT = "the stated covariance is right: error over stated sigma 1.000, 1.000, 1.000 about x, y, z"
+
+
+@pytest.mark.parametrize(
+    ("found", "said"),
+    [
+        ({}, [RIGHT]),
+        ({"kurtosis": 3.9}, [RIGHT]),
+        ({"kurtosis": 4.1}, [RIGHT, "the errors have heavy tails (kurtosis 4.1 about z; 3 for a Gaussian)"]),
+        ({"bound": ratio(1.05, low=1.019)}, [RIGHT]),
+        (
+            {"bound": ratio(1.05, low=1.021)},
+            [
+                RIGHT,
+                "the Cramer-Rao bound is not reached: RMSE over bound 1 about x, 1 about y, 1.05 about z",
+            ],
+        ),
+        (
+            {"failed": 1},
+            ["1 of 100 runs failed (99 ok, 1 not converged); their errors are in every figure", RIGHT],
+        ),
+        (
+            {"failed": 100, "lost": 2},
+            [
+                "all of 100 runs failed (100 not converged); their errors are in every figure, "
+                "save 2 without any estimate",
+                RIGHT,
+            ],
+        ),
+        (
+            {"stated": ratio(1.4, wrong=True)},
+            ["the stated model is wrong: the error is 1.4 times its stated sigma about z (1 wanted)"],
+        ),
+        (
+            {"stated": ratio(1.4, wrong=True), "fit": ratio()},
+            ["the stated model is wrong", "the residuals do not show it (chi-square as stated)"],
+        ),
+        (
+            {"stated": ratio(1.4, wrong=True), "fit": ratio(1.3, wrong=True)},
+            [
+                "the stated model is wrong",
+                "the residuals say so too: chi-square per degree of freedom is 1.3, more than the stated errors allow",
+            ],
+        ),
+        (
+            {"stated": ratio(0.7, wrong=True), "fit": ratio(0.8, wrong=True)},
+            [
+                "the stated model is wrong: the error is 0.7 times",
+                "the residuals say so too: chi-square per degree of freedom is 0.8, less than the stated errors lead",
+            ],
+        ),
+        ({"nees": ratio(1.3, wrong=True)}, ["the stated correlations are wrong: NEES 1.3 (1 wanted)"]),
+    ],
+)
+def test_what_is_said_of_a_study(found, said):
+    sentences = list(verdict(100, document(**found)))
+    assert len(sentences) == len(said) + (found.get("stated") is not None and "fit" not in found)
+    for sentence, start in zip(sentences, said, strict=False):
+        assert sentence.startswith(start)
