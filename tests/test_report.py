@@ -10,6 +10,7 @@ from dataclasses import replace
 from html import unescape
 from html.parser import HTMLParser
 from importlib.resources import files
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -20,18 +21,21 @@ from problems import C_EK_TRUE, truth
 from starplumb.cli.app import app
 from starplumb.documents.from_calibration import result_document
 from starplumb.estimators.gls import Gls
+from starplumb.estimators.protocol import Status
 from starplumb.estimators.wahba import Wahba
+from starplumb.ground import intersection
 from starplumb.ground.intersection import Intersections, intersect
 from starplumb.judge.calibrate import PRIOR, calibrate, shares
 from starplumb.physics import so3
 from starplumb.physics.earth import C_JT, itrf_to_geodetic
-from starplumb.physics.units import ARCSEC
+from starplumb.physics.units import ARCSEC, DEG
 from starplumb.plan.demo import demo
+from starplumb.report import calibration_tables as tables
 from starplumb.report.calibration import calibration_page
 from starplumb.report.calibration_tables import _intersection_row
 from starplumb.report.plots import Ellipse, outline, thinned
 from starplumb.report.simulation import simulation_page
-from starplumb.report.text import euler_zyx, length, measured, number
+from starplumb.report.text import coefficient, euler_zyx, interval, length, listed, measured, number
 from starplumb.table.parameter_names import parameters
 
 HOSTILE = "<script>alert('x')</script>"
@@ -244,6 +248,33 @@ def test_numbers_in_words():
     assert length(4922.6) == "4923 m"
     assert length(48_230.0) == "48.2 km"
     assert length(None) == "not known"
+    assert length(9999.0) == "9999 m"
+    assert length(-1e4) == "−10.0 km"
+    assert listed(["a"]) == "a"
+    assert listed(["a", "b", "c"]) == "a, b and c"
+    assert [coefficient(r) for r in (-0.001, 0.001, -0.514, 1.0)] == ["0.00", "0.00", "−0.51", "1.00"]
+    assert interval(None) == "–"
+    assert interval({"value": 3.0, "low": 2.88, "high": 3.12}) == "3.00 ± 0.12"
+
+
+@pytest.mark.parametrize(
+    ("value", "digits", "text"),
+    [
+        (1.23e-4, 3, "0.000123"),
+        (9.87e-5, 3, "9.87e−05"),
+        (1234567.0, 3, "1234567"),
+        (12345678.0, 3, "1.23e+07"),
+        (-99.87, 3, "−99.9"),
+        (7.0, 2, "7.0"),
+    ],
+)
+def test_numbers_are_plain_where_that_is_short(value, digits, text):
+    assert number(value, digits) == text
+
+
+@pytest.mark.parametrize("sigma", [None, 0.0, float("nan")])
+def test_a_value_without_a_sigma_stands_alone(sigma):
+    assert measured(12.3456, sigma) == "12.35"
 
 
 def test_lines_of_several_images_meet_at_the_marker_and_find_a_wrong_height():
@@ -259,6 +290,16 @@ def test_lines_of_several_images_meet_at_the_marker_and_find_a_wrong_height():
     np.testing.assert_allclose(found.error_T, np.tile(-shift_T, (6, 1)), atol=2e-3)
     assert abs(found.le90 - 7.0) < 2e-3
     assert abs(found.ce90 - np.hypot(2.0, 3.0)) < 2e-3
+
+
+@pytest.mark.parametrize(("times", "counted"), [(0.99, True), (1.01, False)])
+def test_lines_nearer_to_each_other_than_the_least_angle_give_no_height(times, counted, monkeypatch):
+    scene = truth(images=2, markers=1, tilt_deg=0.0, shared_site=True)
+    look = intersection._lines(scene, C_EK_TRUE, np.arange(2))[1]
+    between = np.arccos(look[0] @ look[1])
+    assert between > 5.0 * DEG
+    monkeypatch.setattr(intersection, "LEAST_ANGLE", times * between)
+    assert intersect(scene, C_EK_TRUE, np.ones(2, dtype=bool)).landmark.tolist() == ([0] if counted else [])
 
 
 def test_markers_seen_once_have_no_height(campaign):
@@ -467,3 +508,110 @@ def test_the_report_of_a_self_calibration_lists_its_parameters(campaign):
     )
     assert shown[1][2] == "not determined by the data"
     assert [row[4] for row in shown] == ["1.00", "–"]
+
+
+def test_the_table_of_the_correction_by_hand():
+    """The truth beside it where it is known; correlations of x with y 0.5, of y with z -0.25, where it may be used."""
+    sigma = np.array([1.0, 2.0, 4.0]) * ARCSEC
+    R = np.array([[1.0, 0.5, 0.0], [0.5, 1.0, -0.25], [0.0, -0.25, 1.0]])
+    c = SimpleNamespace(estimate=SimpleNamespace(covariance_E=R * np.outer(sigma, sigma)), status=Status.WEAK)
+    document = {
+        "mounting": {"to": "ST"},
+        "correction_arcsec": [10.0, -20.0, 30.0],
+        "sigma_arcsec": [1.0, 2.0, 4.0],
+    }
+    correction, correlation = tables.alignment(c, document)
+    assert correction.caption.endswith("about the axes of ST")
+    assert correction.rows == [
+        ("correction", "10.0000", "−20.0000", "30.0000"),
+        ("sigma", "1.00", "2.00", "4.00"),
+    ]
+    assert correlation.rows == [
+        ("x", "1.00", "0.50", "0.00"),
+        ("y", "0.50", "1.00", "−0.25"),
+        ("z", "0.00", "−0.25", "1.00"),
+    ]
+    known = {
+        "correction_arcsec": [11.0, -20.0, 30.0],
+        "error_arcsec": [-1.0, 0.0, 0.0],
+        "error_over_sigma": [-1.0, 0.0, 0.0],
+    }
+    with_truth = tables.alignment(c, document | {"truth": known})[0]
+    assert with_truth.rows[2:] == [
+        ("true correction", "11.0000", "−20.0000", "30.0000"),
+        ("error", "−1.00", "0", "0"),
+        ("error / sigma", "−1.0", "0", "0"),
+    ]
+    c.status = Status.SINGULAR
+    assert len(tables.alignment(c, document)) == 1
+    c.status, c.estimate.covariance_E = Status.OK, None
+    (without,) = tables.alignment(c, document | {"sigma_arcsec": None})
+    assert without.rows[1] == ("sigma", *["not stated"] * 3)
+
+
+@pytest.mark.parametrize(
+    ("turn_deg", "best", "worst"),
+    [
+        (0.0, "its x (along a row)", "its boresight z"),
+        (0.9, "its x (along a row)", "its boresight z"),
+        (1.5, "an axis 1.5 deg from its x (along a row)", "an axis 1.5 deg from its boresight z"),
+    ],
+)
+def test_the_best_and_worst_known_axes_by_hand(turn_deg, best, worst):
+    """Sigmas of 2, 5 and 8 arcsec about axes turned from the camera's about its y, seen from E where x_E is y_K."""
+    C_EK = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
+    own_K = so3.exp(np.array([0.0, turn_deg, 0.0]) * DEG)
+    covariance_K = own_K @ np.diag((np.array([2.0, 5.0, 8.0]) * ARCSEC) ** 2) @ own_K.T
+    (sentence,) = tables.knowledge(C_EK, C_EK @ covariance_K @ C_EK.T)
+    assert f"about {best} is known best, to 2.00 arcsec" in sentence
+    assert f"about {worst} worst, to 8.00 arcsec: 4.0 times less well" in sentence
+
+
+def metres(cell):
+    return float(cell.removesuffix(" m").replace("−", "-"))
+
+
+def test_geolocation_before_and_after_by_hand():
+    """A mounting 100 arcsec off sees the ground some 335 m off at 690 km, check points too; put right, it does not."""
+    scene = truth(images=3, markers=4, tilt_deg=0.0, shared_site=True)
+    s = scene.sightings
+    aside = replace(s, check=s.landmark == 3)
+    wrong = so3.exp(100.0 * ARCSEC * C_EK_TRUE[:, 0]) @ C_EK_TRUE
+    done = calibrate(replace(scene, C_EK=wrong, sightings=aside), Gls())
+    (table,) = tables.geolocation(done)
+    rows = {row[:2]: row[2:] for row in table.rows}
+    for name, sightings, landmarks in (("control points", "9", "3"), ("check points", "3", "1")):
+        before, after = (rows[name, when] for when in ("before", "after"))
+        assert before[0] == after[0] == sightings
+        assert before[3] == after[3] == "–"
+        assert metres(before[1]) == pytest.approx(100.0 * ARCSEC * 690e3, rel=0.1)
+        assert metres(after[1]) < 0.1
+        before, after = (rows[f"{name}, several images", when] for when in ("before", "after"))
+        assert before[0] == after[0] == landmarks
+        assert metres(before[1]) > 100.0
+        assert metres(after[3]) < 0.1
+    assert len(rows) == 8
+    (unusable,) = tables.geolocation(replace(done, status=Status.NOT_CONVERGED))
+    assert [row[1] for row in unusable.rows] == ["before"] * 4
+
+
+def test_what_the_report_was_made_from_by_hand():
+    document = {
+        "software": {"starplumb": "1"},
+        "inputs": {"a.csv": "sha256:00"},
+        "corrections": {"light_time": True, "aberration": False},
+        "notices": ["one"],
+        "earth_orientation": {"source": "finals.data", "predicted": True},
+    }
+    inputs, made = tables.provenance(document)
+    assert inputs.rows == [("a.csv", "sha256:00")]
+    assert made.rows == [
+        ("starplumb", "1"),
+        ("Earth orientation", "finals.data, predicted values"),
+        ("corrections", "light time on and aberration off"),
+        ("notice", "one"),
+    ]
+    _, old = tables.provenance(document | {"earth_orientation": {"source": "eopc04", "predicted": False}})
+    assert old.rows[1] == ("Earth orientation", "eopc04, measured values")
+    _, fixed = tables.provenance({"software": {}, "inputs": {}})
+    assert fixed.rows == [("Earth orientation", "not needed: all frames are Earth-fixed")]
