@@ -75,7 +75,7 @@ def test_sensitivities_are_the_derivatives_of_sigma(scanner):
             sigma = share.source.sigma.copy()
             sigma[share.component] *= factor
             changed = replace(share.source, sigma=sigma)
-            told = scanner.told(tuple(changed if s is share.source else s for s in scanner.sources))
+            told = scanner.with_stated(tuple(changed if s is share.source else s for s in scanner.sources))
             around.append(Gls()(told, scanner.C_EK_true).sigma_E)
         wanted = (around[1] - around[0]) / (0.02 * share.sigma)
         np.testing.assert_allclose(share.derivative_E, wanted, rtol=2e-2, atol=1e-3 * np.abs(wanted).max())
@@ -104,7 +104,7 @@ def test_what_a_source_must_shrink_to_reaches_the_target(scanner):
                 assert one.without_E[axis] > target
                 continue
             told = tuple(s.scaled(one.factor[axis]) if s.name == name else s for s in scanner.sources)
-            assert Gls()(scanner.told(told), scanner.C_EK_true).sigma_E[axis] == pytest.approx(
+            assert Gls()(scanner.with_stated(told), scanner.C_EK_true).sigma_E[axis] == pytest.approx(
                 target, rel=1e-3
             )
             met += 1

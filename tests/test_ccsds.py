@@ -283,7 +283,7 @@ BAD_OEM = {
         "line 6: found OBJECT_ID without a value",
     ),
     "keyword among rows": (oem_kvn() + "X = 3\n", "line 16: found 'X = 3' among the data"),
-    "Mars": (oem_kvn(OEM_META | {"CENTER_NAME": "MARS"}), "line 7: CENTER_NAME is 'MARS', EARTH is wanted"),
+    "Mars": (oem_kvn(OEM_META | {"CENTER_NAME": "MARS"}), "line 7: CENTER_NAME is 'MARS', wanted EARTH"),
     "time system": (
         oem_kvn(OEM_META | {"TIME_SYSTEM": "TDB"}),
         "line 9: TIME_SYSTEM is 'TDB', one of UTC, TAI",
@@ -326,7 +326,7 @@ BAD_OEM = {
     "XML of another kind": (aem_xml("quaternionEphemeris"), "line 2: found the element aem, wanted oem"),
     "XML undecodable": (oem_xml(meta=OEM_META | {"OBJECT_NAME": "é"}).encode("latin-1"), "not well formed"),
     "XML encoding unknown": (oem_xml().replace("UTF-8", "KLINGON"), "XML"),
-    "XML in metres": (oem_xml(OEM_RECORD.replace('"km"', '"m"')), "line 15: X is in 'm', km is wanted"),
+    "XML in metres": (oem_xml(OEM_RECORD.replace('"km"', '"m"')), "line 15: X is in 'm', wanted km"),
     "XML without Z": (oem_xml(OEM_RECORD.replace("<Z>0.25</Z>", "")), "line 14: this stateVector has no Z"),
     "XML Z twice": (oem_xml(OEM_RECORD.replace("<Z>", "<Z>1</Z><Z>")), "line 15: found Z a second time"),
     "XML empty Z": (oem_xml(OEM_RECORD.replace("0.25", " ")), "line 15: found Z without a value"),
@@ -468,7 +468,7 @@ BAD_AEM = {
     "spin": (aem_kvn(_aem_meta(ATTITUDE_TYPE="SPIN")), "ATTITUDE_TYPE is 'SPIN'"),
     "columns": (
         aem_kvn(_aem_meta(ATTITUDE_TYPE="QUATERNION/ANGVEL")),
-        "line 16: found 4 numbers .* 7 are wanted",
+        "line 16: found 4 numbers .* wanted 7",
     ),
     "nan": (aem_kvn(rows=["2000-01-01T12:00:00 0 0 nan 1"]), "line 16: found .*finite"),
     "no DATA_START": (
@@ -496,7 +496,7 @@ BAD_AEM = {
         aem_kvn(_aem_meta(QUATERNION_TYPE="FIRST")),
         "QUATERNION_TYPE is 'FIRST', but version 2",
     ),
-    "version 3": (aem_kvn(version="3.0"), "CCSDS_AEM_VERS is '3.0', one of 1.0, 2.0 is wanted"),
+    "version 3": (aem_kvn(version="3.0"), "CCSDS_AEM_VERS is '3.0', wanted one of 1.0, 2.0"),
     "XML of Euler angles": (
         aem_xml("eulerAngle").replace("<Q1>0</Q1>", ""),
         "line 16: this attitudeState has no Q1",

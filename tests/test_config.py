@@ -99,8 +99,8 @@ def test_landmarks_by_hand(tmp_path: Path) -> None:
     expected = [np.diag([9.0, 1.0, 4.0]), np.diag([1.0, 9.0, 4.0]), np.diag([4.0, 1.0, 9.0])]
     np.testing.assert_allclose(landmarks.covariance_J, expected, atol=1e-12)
     assert [notice.split("found ")[1] for notice in loaded.notices] == [
-        "no row of the image I2, which therefore adds nothing",
-        "no row of the landmarks B, C, which therefore adds nothing",
+        "no row of the image I2, so it adds nothing",
+        "no row of the landmarks B, C, so it adds nothing",
     ]
 
 
@@ -310,7 +310,7 @@ def test_notices_of_a_frame_camera_and_roles(tmp_path: Path) -> None:
     assert loaded.campaign.sightings.check.tolist() == [True, False, False, False, False]
     assert [notice.split(": ")[1] for notice in loaded.notices] == [
         "ignored the column cloud",
-        "ignored the column line_period_s, which a frame camera has not",
+        "ignored the column line_period_s, which a frame camera does not have",
     ]
 
 
@@ -442,7 +442,7 @@ def test_landmarks_from_a_vector_file(tmp_path: Path, name: str, driver: str) ->
         ("no-id", "wanted landmark_id too"),
         ("latitude", "column latitude_deg: found 95"),
         ("words", "attribute sigma_m: found"),
-        ("no-file", "found what is no vector file"),
+        ("no-file", "found a file that is not a vector file"),
     ],
 )
 def test_wrong_vector_files(tmp_path: Path, fault: str, says: str) -> None:

@@ -146,7 +146,7 @@ def test_views_that_cannot_tell_the_aberration_say_so_and_do_not_weaken(rng):
         found = [f for f in say(table) if "aberration" in f.sentence]
         assert [f.weakens for f in found] == [False]
         assert [f.informs for f in found] == [table is o]
-        assert "views in other directions would tell" in found[0].sentence
+        assert "views in other directions would decide it" in found[0].sentence
     assert "may be wrong" in found[0].sentence
 
 

@@ -261,7 +261,7 @@ def test_covariances_of_quaternions_become_small_angles_about_the_body(tmp_path:
     parts = _parts()
     parts["ATT"]["attList"] = [[*row[:5], *np.zeros(10)] for row in _att()]
     product = read_digitalglobe(_write(tmp_path, parts))
-    with pytest.raises(InputError, match="wanted sigma_arcsec from you"):
+    with pytest.raises(InputError, match="wanted sigma_arcsec stated"):
         product.campaign()
 
 
@@ -329,7 +329,7 @@ def test_rotated_line_of_the_users_optics(tmp_path: Path) -> None:
     del parts["GEO"]
     path = _write(tmp_path, parts)
     with pytest.raises(
-        InputError, match=r"found no \.GEO beside it, wanted it or the camera's optics from you"
+        InputError, match=r"found no \.GEO beside it, wanted it or the camera's optics stated"
     ):
         read_digitalglobe(path)
     product = read_digitalglobe(path, Optics(10_000.0, 0.1, (0.0, 0.0), rotation_deg=90.0))

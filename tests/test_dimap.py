@@ -161,9 +161,9 @@ def test_imported_folder_loads_to_the_same_physics(pleiades: Path, tmp_path: Pat
 
 
 def test_sigmas_are_never_made_up(pleiades: Path, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="wanted sigma_m and sigma_arcsec from you"):
+    with pytest.raises(InputError, match="wanted sigma_m and sigma_arcsec stated"):
         import_product(pleiades, tmp_path / "out")
-    with pytest.raises(InputError, match="wanted sigma_arcsec from you"):
+    with pytest.raises(InputError, match="wanted sigma_arcsec stated"):
         import_product(pleiades, tmp_path / "out", sigma_m=1.0)
     with pytest.raises(InputError, match="one number or three, none negative"):
         import_product(pleiades, tmp_path / "out", sigma_m=-1.0, sigma_arcsec=1.0)

@@ -26,7 +26,7 @@ def test_elements_know_their_line_and_lose_their_prefix() -> None:
     [
         (
             b"<a>\n<b></a>",
-            "^f.xml, line 2: found XML that is not well formed .mismatched tag., wanted sound XML$",
+            "^f.xml, line 2: found XML that is not well formed .mismatched tag., wanted well-formed XML$",
         ),
         (b"<a>\n", "^f.xml, line 2: found XML that is not well formed"),
         (b'<?xml version="1.0" encoding="KLINGON"?><a/>', "^f.xml.*: found XML"),

@@ -277,9 +277,7 @@ def test_wrong_options_are_refused_in_a_sentence(written, more, says):
     assert "\n" not in str(told.exception)
 
 
-@pytest.mark.parametrize(
-    ("kind", "says"), [("frame", "wanted only these"), ("line", "wanted it given (--rows)")]
-)
+@pytest.mark.parametrize(("kind", "says"), [("frame", "wanted only these"), ("line", "wanted --rows")])
 def test_rows_are_told_where_the_camera_does_not(tmp_path, kind, says):
     """A line scanner goes on as long as it is switched on, a frame ends."""
     campaign, _ = demo(kind, 1, 4)

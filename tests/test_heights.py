@@ -90,7 +90,8 @@ def test_a_raster_that_does_not_cover_a_landmark_is_refused_by_name(tmp_path):
     assert good == pytest.approx([100.0])
     for latitude, longitude in ((46.4, 5.6), (50.0, 6.0)):
         with pytest.raises(
-            InputError, match=r'dem.tif: found no height for "b" at latitude .*, wanted it covered'
+            InputError,
+            match=r'dem.tif: found no height for "b" at latitude .*, wanted a raster that covers it',
         ):
             dem.heights(np.array([44.5, latitude]) * DEG, np.array([6.5, longitude]) * DEG, ("a", "b"))
 
@@ -129,7 +130,7 @@ def test_a_file_that_says_what_its_heights_are_must_agree(tmp_path, crs, said):
 
 def test_a_file_that_is_no_raster_is_refused(tmp_path):
     (tmp_path / "dem.tif").write_text("heights")
-    with pytest.raises(InputError, match="found what is no raster"):
+    with pytest.raises(InputError, match="found a file that is not a raster"):
         Raster.open(tmp_path / "dem.tif")
     with pytest.raises(InputError, match="found no such file"):
         Raster.open(tmp_path / "none.tif")

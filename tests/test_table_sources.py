@@ -164,7 +164,7 @@ def test_types_that_are_names_or_times(values: pa.Array, texts: list[str]) -> No
         ),
         ({"id": [[1], [2]], "x": [1, 2]}, "t, column id: found values of the type list"),
         ({"id": [], "x": []}, "t: found no rows, wanted at least one"),
-        ({"id": ["a"], "X": [1]}, 't: found the header "id, X", wanted the column x too ("X" is near it)'),
+        ({"id": ["a"], "X": [1]}, 't: found the header "id, X", wanted the column x too (did you mean "X"?)'),
         ({}, "t: found no header, wanted the columns id, x"),
         ({"id": ["a"], "x": [1, 2]}, "t: found columns that Arrow cannot hold"),
     ],
@@ -321,7 +321,7 @@ def test_mistakes_in_settings_name_the_key(tmp_path: Path) -> None:
 
 def test_an_unknown_table(tmp_path: Path) -> None:
     path = write_good_campaign(tmp_path)
-    with pytest.raises(InputError, match=r'tables: found "landmark", wanted .* \(landmarks is near it\)'):
+    with pytest.raises(InputError, match=r'tables: found "landmark", wanted .* \(did you mean landmarks\?\)'):
         load_campaign(path, {"landmark": ROWS})
 
 

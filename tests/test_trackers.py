@@ -413,7 +413,7 @@ def test_written_and_read_again(fusion, tmp_path, rng):
 def test_a_tracker_that_misses_an_image_is_told(tmp_path):
     loaded = load_campaign(several(tmp_path, second_csv=second(times=(2, 4))))
     assert [notice.split("/")[-1] for notice in loaded.notices] == [
-        "second.csv: found no attitude at I1, which is that of the other trackers there"
+        "second.csv: found no attitude at I1; the attitude there is that of the other trackers"
     ]
     variance = np.diagonal(loaded.campaign.cov_attitude_E, axis1=1, axis2=2) / ARCSEC**2
     np.testing.assert_allclose(variance[0], [25.0, 25.0, 144.0])

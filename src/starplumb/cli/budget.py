@@ -20,7 +20,7 @@ def budget(
             "--target",
             "-t",
             min=1e-6,
-            help="Wanted sigma about each axis, arcsec: what must shrink, and to what?",
+            help="Required sigma about each axis, arcsec; prints which error must shrink, and to what.",
         ),
     ] = None,
     methods: Annotated[

@@ -17,7 +17,9 @@ def calibrate(
     ] = "gls",
     robust: Annotated[
         bool,
-        typer.Option("--robust", help="Survive wrong labels, measurements and images (--method robust)."),
+        typer.Option(
+            "--robust", help="Find and leave out wrong labels, measurements and images (--method robust)."
+        ),
     ] = False,
     estimate: Annotated[
         list[str] | None,

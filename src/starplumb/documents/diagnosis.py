@@ -19,7 +19,7 @@ class Undone(Part):
 
 
 class TrialPart(Part):
-    """A campaign calibrated with some mistakes undone; ``obstacle`` says why there is no solution, if there is none."""
+    """A campaign calibrated with some mistakes undone; ``obstacle`` says why there is no solution, where that is so."""
 
     undone: list[Undone]
     score: Number

@@ -48,7 +48,7 @@ class Document(Part):
             given = json.loads(text)
         except (ValueError, RecursionError) as error:
             raise InputError(
-                f"{name}: found what is not JSON ({error}), wanted a {wanted} document"
+                f"{name}: found text that is not JSON ({error}), wanted a {wanted} document"
             ) from None
         found = given.get("schema") if isinstance(given, dict) else None
         if found != wanted:

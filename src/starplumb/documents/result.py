@@ -13,7 +13,7 @@ from ..physics.units import ARCSEC
 from .document import Document, Matrix3, MatrixOrNulls3, Number, Numbers3, Part
 
 ROTATION = 1e-6
-"""A matrix farther from a rotation than this is none."""
+"""A matrix farther from a rotation than this is refused."""
 ROUNDING = 1e-9
 """Part of its largest entry by which a covariance may fail to be symmetric or positive."""
 
@@ -128,7 +128,7 @@ class Landmark(Part):
 def _known(status: str) -> str:
     names = [each.name.lower() for each in Status]
     if status not in names:
-        raise ValueError(f"status: found {status!r}, which is none of {', '.join(names)}")
+        raise ValueError(f"status: found {status!r}, wanted one of {', '.join(names)}")
     return status
 
 

@@ -253,7 +253,7 @@ def _doubt(c: Candidates, C: Array, score: Array, best: int) -> str:
     turn = np.linalg.norm(so3.log(C[second] @ C[best].mT)) / DEG
     return (
         f"two placements of the landmarks, {turn:.2g} deg apart, explain {count} and {rival} of the "
-        f"{c.detections} detections: which is right cannot be told"
+        f"{c.detections} detections, too similar a number to decide between them"
     )
 
 

@@ -70,7 +70,7 @@ def _one_image(o: Observations) -> Finding | None:
     if np.unique(o.image).size > 1:
         return None
     return Finding(
-        "only one image: its attitude and position error cannot be told from the alignment, "
+        "only one image: its attitude and position error cannot be separated from the alignment, "
         "and nothing checks their stated sigmas",
         True,
     )
@@ -135,9 +135,11 @@ def _prior(o: Observations, C_EK_model: Array, estimate: AlignmentEstimate) -> F
         return None
     d_E = so3.log(estimate.C_EK @ C_EK_model.mT)
     spread, axes = np.linalg.eigh(o.prior_E - estimate.covariance_E)
-    told = spread > 1e-6 * np.trace(o.prior_E)  # where the data say nothing the prior cannot be contradicted
-    square = float(np.sum((axes.mT @ d_E)[told] ** 2 / spread[told]))
-    p = chi2_p(square, int(np.sum(told)))
+    determined = spread > 1e-6 * np.trace(
+        o.prior_E
+    )  # where the data say nothing the prior cannot be contradicted
+    square = float(np.sum((axes.mT @ d_E)[determined] ** 2 / spread[determined]))
+    p = chi2_p(square, int(np.sum(determined)))
     if p >= IMPLAUSIBLE_P:
         return None
     sigma = np.sqrt(np.diagonal(o.prior_E)) / ARCSEC
@@ -191,7 +193,7 @@ def _aberration(
     return Finding(
         f"the switch {words[0]} {'may be wrong' if suspect else 'cannot be checked'}: with it the correction across "
         f"the boresight is {here:.1f} arcsec, with {words[1]} {there:.1f}, and the data fit equally well; views in "
-        "other directions would tell, and so does the attitude product's description",
+        "other directions would decide it; so does the description of the attitude product",
         False,
         informs=not suspect,
     )

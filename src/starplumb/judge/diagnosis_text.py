@@ -32,7 +32,7 @@ def _verdict(found: Diagnosis) -> list[str]:
         f"It looks as if {_joined(found.best.undone)}: this {explains}.",
         *(f"The files show it: {m.evidence}." for m in found.best.undone if m.evidence),
         f"Once undone: {figures(found.best)}.",
-        f"As it stands: {figures(found.stated)}.",
+        f"Without this change: {figures(found.stated)}.",
         f"Remedy: {'; '.join(m.remedy for m in found.best.undone)}.",
         *_rivals(found),
     ]
@@ -53,7 +53,7 @@ def _evident(found: Diagnosis, best: Trial) -> list[str]:
     return [
         f"The residuals indicate no mistake, but the files show that {_joined(best.undone)}.",
         *(f"Evidence: {m.evidence}." for m in best.undone),
-        f"As it stands: {figures(found.stated)}; residuals alone cannot show an error that every image absorbs.",
+        f"Without this change: {figures(found.stated)}; residuals alone cannot show an error that every image absorbs.",
         f"Remedy: {'; '.join(m.remedy for m in best.undone)}.",
     ]
 
@@ -67,7 +67,7 @@ def _rivals(found: Diagnosis) -> list[str]:
         return []
     others = "; ".join(_joined(trial.undone) for trial in found.rivals[:MOST_RIVALS])
     more = len(found.rivals) - MOST_RIVALS
-    return [f"These data cannot tell it from: {others}{f'; and {more} more' if more > 0 else ''}."]
+    return [f"These data do not distinguish it from: {others}{f'; and {more} more' if more > 0 else ''}."]
 
 
 def figures(trial: Trial) -> str:

@@ -155,7 +155,7 @@ def _estimator(free: tuple[Parameter, ...]) -> Estimator:
 def _judged(
     campaign: Campaign, observations: Observations, estimate: AlignmentEstimate, undone: tuple[Mistake, ...]
 ) -> Trial:
-    """The trial of an estimate: its score where there is one, a rough misfit and the obstacle where there is none."""
+    """The trial of an estimate: its score if it has one, else a rough misfit and the obstacle."""
     if estimate.chi2 is None or estimate.covariance_E is None or estimate.degrees_of_freedom is None:
         raise TypeError("the estimator gives a covariance and a chi-square")
     fit = linearise(observations, estimate.C_EK)

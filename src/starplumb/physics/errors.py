@@ -1,4 +1,4 @@
-"""Errors that a user can mend: one sentence that names the file, the row or key, what was found and what is wanted."""
+"""Errors that a user can correct: one sentence with the file, the row or key, what was found and what is wanted."""
 
 from __future__ import annotations
 

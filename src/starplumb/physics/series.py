@@ -51,7 +51,7 @@ class Bursts:
 
     def __post_init__(self) -> None:
         if self.t_ns.size == 0:
-            raise InputError("the series holds no sample; at least one is wanted")
+            raise InputError("the series holds no sample, wanted at least one")
         step = np.diff(self.t_ns)
         if np.any(step <= 0):
             raise InputError(f"sample {int(np.argmax(step <= 0)) + 2} is not later than the one before it")

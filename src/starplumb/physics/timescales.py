@@ -102,7 +102,7 @@ def parse(texts: Sequence[str], scale: str) -> Int64:
 def format_iso(t_ns: npt.ArrayLike, scale: str, digits: int = 6) -> list[str]:
     """ISO 8601 texts of epochs (any shape, in C order) in ``scale``, rounded to ``digits`` decimals, 0 to 9.
 
-    No trailing Z: the scale is told beside the text. Raises EpochError where UTC is not known.
+    No trailing Z: the scale is stated beside the text. Raises EpochError where UTC is not known.
     """
     _check_scale(scale)
     if not 0 <= digits <= 9:

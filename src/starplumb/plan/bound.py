@@ -29,7 +29,7 @@ MOST_SIGHTINGS = 4000
 
 @dataclass(frozen=True)
 class Linear:
-    """The least-squares estimate that is told of ``sources``."""
+    """The least-squares estimate that knows of ``sources``."""
 
     scenario: Scenario
     sources: tuple[Source, ...]
@@ -49,7 +49,7 @@ class Linear:
 
     @property
     def covariance_E(self) -> Array:
-        """(3, 3) rad^2 about E, as it follows from the sources told."""
+        """(3, 3) rad^2 about E, as it follows from the stated sources."""
         return self._solution[0]
 
     @property

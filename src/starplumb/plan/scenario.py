@@ -1,4 +1,4 @@
-"""A scenario: one true scene, the errors that its measurements have, and those of which the estimators are told."""
+"""A scenario: one true scene, the errors that its measurements have, and those that the estimators know of."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Initial:
 class Scenario:
     """``campaign`` is the scene as it truly is, ``truth`` its table without error, ``C_EK_true`` the mounting.
 
-    ``sources`` are the errors there are, ``stated_sources`` those the estimators are told of.
+    ``sources`` are the errors there are, ``stated_sources`` those the estimators know of.
     """
 
     name: str
@@ -87,9 +87,9 @@ class Scenario:
     @cached_property
     def stated(self) -> Observations:
         """The table without error, its stated errors those of ``stated_sources``."""
-        return self.told(self.stated_sources)
+        return self.with_stated(self.stated_sources)
 
-    def told(self, sources: tuple[Source, ...]) -> Observations:
+    def with_stated(self, sources: tuple[Source, ...]) -> Observations:
         """The table without error with other stated sources."""
         return replace(state(self.truth, sources, self.model), prior_E=self.prior_E)
 
@@ -106,12 +106,12 @@ class Scenario:
 
     @property
     def model_is_true(self) -> bool:
-        """Whether the estimators are told the errors as they are."""
-        told = {source.name: source for source in self.stated_sources}
-        return len(told) == len(self.sources) and all(
-            source.name in told
+        """Whether the estimators know the errors as they are."""
+        stated = {source.name: source for source in self.stated_sources}
+        return len(stated) == len(self.sources) and all(
+            source.name in stated
             and not source.is_blunder
-            and np.array_equal(told[source.name].sigma, source.sigma)
+            and np.array_equal(stated[source.name].sigma, source.sigma)
             for source in self.sources
         )
 

@@ -92,7 +92,7 @@ def sensitivity(trials: int, rng: np.random.Generator) -> Comparison:
             f"Ours: a ring of {setting['markers']} markers of {setting['radius_km']} km, node "
             f"{document['orbit']['node_deg']} deg, sigma_beta along inertial axes; algorithms 2 and 3 give the same.",
             "The printed 2.47e6 for sigma_K is probably a slip for 2.44e6: the row of sigma_P and the totals, which "
-            "hang on the same markers, require that.",
+            "depend on the same markers, require that.",
             "Sensitivities hold for a small initial error; a bound on them does not exist, the totals have one.",
         ),
     )

@@ -67,7 +67,7 @@ def _against_images(name: str, figure: str, trials: int, rng: np.random.Generato
         notes=(
             "The slides give no inputs; independent errors cannot rise with more images.  Ours is one reading of two "
             f"that fit about equally: images after the first {setting['good_images']} share one more attitude error.",
-            "gls is told of that error: it weighs those images down, and more images never make it worse.",
+            "gls knows of that error: it gives those images less weight, and more images never make it worse.",
         ),
     )
 

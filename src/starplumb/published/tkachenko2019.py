@@ -203,6 +203,6 @@ def changes(trials: int, rng: np.random.Generator) -> Comparison:
             "beta is resolved along the camera's axes: the paper defines it along E, but there the turn about the "
             "boresight, which an initial error of 1 deg tilts in E, would make kappa_1, kappa_2 five times larger than "
             "they are printed.",
-            "gls has no cycles; its rows give the error that is left, which no change between cycles tells.",
+            "gls has no cycles; its rows give the error that is left, which a change between cycles does not show.",
         ),
     )

@@ -110,7 +110,7 @@ def contributions(name: str, shares: list[Document]) -> Figure:
 
 def _target(target: Document | None) -> Section:
     """What each source must shrink to."""
-    title = "What a wanted accuracy asks for"
+    title = "What the required accuracy asks of each error"
     if target is None:
         return Section("target", title)
     rows = []

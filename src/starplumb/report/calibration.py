@@ -56,7 +56,7 @@ def summary(c: Calibration, document: Mapping[str, Any]) -> str:
         was = "off the Earth" if before is None else length(before.rmse)
         ground = f" The geolocation error falls from {was} to {length(after.rmse)} rms."
     return (
-        f"The camera's mounting is to be turned by ({turn}) arcsec about x, y, z of {tracker}{doubt}, "
+        f"Turn the camera's mounting by ({turn}) arcsec about x, y, z of {tracker}{doubt}, "
         f"from {made}.{ground}"
     )
 

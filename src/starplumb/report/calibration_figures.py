@@ -97,9 +97,9 @@ def trend(
         x, label = c.observations.image.astype(np.float64), "image" if few else "image, counted from 0"
         ticks = tuple(_short(name) for name in ids) if few else ()
     kind, px, words = (
-        ("all", c.residuals.after_px, "All that is left")
+        ("all", c.residuals.after_px, "All residuals")
         if shared_errors
-        else ("own", c.residuals.fit_px, "Less the errors that images and markers share")
+        else ("own", c.residuals.fit_px, "Without the errors that images and markers share")
     )
     return _trend(f"{against}-{kind}", x, px, label, ticks, f"{words} against {against}")
 

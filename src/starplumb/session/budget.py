@@ -124,7 +124,7 @@ def _sentences(found: dict[str, Any]) -> Iterator[str]:
         for sentence in method["in_words"]:
             yield f"{name}: {sentence}"
     for name in found["left_out"]:
-        yield f"left out: {name}, for blunders are no noise"
+        yield f"left out: {name} (blunders are not noise)"
     if found["target"] is not None:
         yield f"for {found['target']['target_arcsec']:g} arcsec about each axis:"
         yield from found["target"]["in_words"]

@@ -62,7 +62,7 @@ def calibrate(
     ``estimate`` names what to estimate beside the alignment, each free or with its known sigma and unit, as in
     ``["focal_length", "time_offset=10ms"]``; ``method`` is a name of ``starplumb compare`` or an estimator of your own.
     ``reach_deg`` is the largest error that the mounting may have where detections must be matched with landmarks first.
-    Raises InputError where something asked for is not to be had, NotIdentified where no match is found.  An answer that
+    Raises InputError where something asked for cannot be given, NotIdentified where no match is found.  An answer that
     must not be used is returned like any other: look at ``status``, or call ``raise_if_unusable``.
     """
     name = method if isinstance(method, str) else type(method).__name__

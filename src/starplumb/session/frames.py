@@ -41,7 +41,7 @@ class Frame(Shown):
             import pandas
         except ImportError:
             raise InputError(
-                "to_frame needs pandas, which is not installed; wanted pip install pandas, or to_dict in its place"
+                "to_frame needs pandas, which is not installed; install it (pip install pandas) or use to_dict"
             ) from None
         return pandas.DataFrame(self.to_dict())
 

@@ -116,7 +116,7 @@ def locate(
     ``result`` is a Result or the path of a ``result.json``; left out, the model mounting is used.  The ground is at
     ``height_m`` above the ellipsoid (default 0), or where the line of sight first meets a ``dem``, whose ``heights``
     are "ellipsoidal" or above the "geoid".  Raises InputError where a pixel, an image, a result or the
-    ground is not to be had.
+    ground is unknown.
     """
     view = view_of(campaign, result, image, height_m, dem, heights, geoid)
     return place(view, (column, row), sigma_px, sigma_height_m)
@@ -210,7 +210,7 @@ def _ground_height(view: View, ours: Array, pixel: tuple[float, float]) -> float
     if not np.isfinite(found):
         raise InputError(
             f"{dem.path}: found no ground under pixel ({pixel[0]:g}, {pixel[1]:g}) of {view.image_id}, "
-            "wanted it covered"
+            "wanted a DEM that covers it"
         )
     return found
 
@@ -295,9 +295,7 @@ def _row_count(campaign: Campaign, rows: int | None) -> float:
             "rows", f"found beside the {stated:g} rows that {campaign.source} states, wanted only these"
         )
     if rows is None and not np.isfinite(stated):
-        raise InputError(
-            f"{campaign.source}: found no number of rows in the camera, wanted it given (--rows)"
-        )
+        raise InputError(f"{campaign.source}: found no number of rows in the camera, wanted --rows")
     return stated if rows is None else float(rows)
 
 

@@ -173,13 +173,13 @@ class Result(Shown):
     def _kernel(self) -> str:
         from ..io.formats.spice import frame_kernel_text
 
-        told = (("campaign", self.campaign.name), ("method", self.method), ("status", self.status))
+        heading = (("campaign", self.campaign.name), ("method", self.method), ("status", self.status))
         return frame_kernel_text(
             self.C_EK,
             "CAMERA",
             "STAR_TRACKER",
             covariance_E=self.calibration.estimate.covariance_E,
-            comments=[f"{key}: {value}" for key, value in told],
+            comments=[f"{key}: {value}" for key, value in heading],
         )
 
     def _write_map(self, path: Path) -> None:

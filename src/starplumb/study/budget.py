@@ -7,8 +7,8 @@ of one source and c_j the rms response to a unit of it::
     sigma_theta^2 = sum_j (c_j sigma_j)^2,     d sigma_theta / d sigma_j = c_j^2 sigma_j / sigma_theta
 
 and c_j itself is the sensitivity where the source stands alone, as (28) of Lebedev and Tkachenko (2012) lists them.
-For ``gls`` told the truth the derivative holds although its gain depends on the sigmas: an optimal gain adds nothing to
-first order.
+For ``gls`` with the true sigmas the derivative holds although its gain depends on them: an optimal gain adds nothing
+to first order.
 """
 
 from __future__ import annotations
@@ -144,7 +144,7 @@ class Requirement:
 def requirements(scenario: Scenario, target: float) -> tuple[Requirement, ...]:
     """What each source must shrink to so that the best estimate's sigma about each axis is ``target`` rad or less.
 
-    The estimate is that of generalised least squares told the true sigmas, its weights following them.
+    The estimate is that of generalised least squares with the true sigmas, its weights following them.
     """
     sources = tuple(source for source in scenario.sources if not source.is_blunder)
     return tuple(_requirement(scenario, sources, i, target) for i in range(len(sources)))
@@ -152,8 +152,8 @@ def requirements(scenario: Scenario, target: float) -> tuple[Requirement, ...]:
 
 def _requirement(scenario: Scenario, sources: tuple[Source, ...], i: int, target: float) -> Requirement:
     def sigma(factor: float) -> Array:
-        told = scenario.told((*sources[:i], sources[i].scaled(factor), *sources[i + 1 :]))
-        covariance = covariance_at(told, scenario.C_EK_true)
+        stated = scenario.with_stated((*sources[:i], sources[i].scaled(factor), *sources[i + 1 :]))
+        covariance = covariance_at(stated, scenario.C_EK_true)
         return np.asarray(np.sqrt(np.diagonal(covariance)))
 
     now, least = sigma(1.0), sigma(SMALLEST_FACTOR)

@@ -136,7 +136,7 @@ class Dask:
             distributed: Any = import_module("distributed")
         except ImportError:
             raise InputError(
-                "--scheduler needs Dask, which is not installed; wanted pip install 'starplumb[cluster]'"
+                "--scheduler needs Dask, which is not installed: pip install 'starplumb[cluster]'"
             ) from None
         try:
             client = distributed.Client(self.address, timeout=20)

@@ -37,7 +37,7 @@ class Store:
                 _write(manifest, json.dumps(study.fingerprint, indent=1).encode())
         except json.JSONDecodeError:
             raise InputError(
-                f"{manifest}: found it damaged, wanted a study's; remove {folder} or choose another --out"
+                f"{manifest}: found it damaged, wanted that of a study; remove {folder} or choose another --out"
             ) from None
         except OSError as error:
             raise InputError(

@@ -21,7 +21,7 @@ def verdict(trials: int, document: dict[str, Any]) -> Iterator[str]:
             f"{'all' if document['failed'] == trials else document['failed']} of {trials} runs failed ({kinds}); "
             "their errors are in every figure"
             + (
-                f", save {document['without_estimate']} without any estimate"
+                f", except {document['without_estimate']} without any estimate"
                 if document["without_estimate"]
                 else ""
             )
@@ -33,7 +33,7 @@ def verdict(trials: int, document: dict[str, Any]) -> Iterator[str]:
 
 def _judge_stated(document: dict[str, Any]) -> Iterator[str]:
     if document["nees"] is None:
-        yield "states no covariance, so nothing tells its user how good it is"
+        yield "states no covariance, so its user cannot know how good it is"
         return
     about = {axis: found["error_over_stated"] for axis, found in document["axes"].items()}
     wrong = {axis: ratio for axis, ratio in about.items() if ratio["wrong"]}

@@ -41,7 +41,7 @@ class Landmarks:
 class Images:
     """m images taken at ``t_ns`` (m,): mid-exposure of a frame; of row 0 for a line scanner, whose rows
     follow one another by ``line_period_s`` (m,) (None for a frame).  ``tracker`` (m,) names the star
-    tracker each attitude is from, None where they are not told apart."""
+    tracker each attitude is from, None where they are not distinguished."""
 
     ids: tuple[str, ...]
     t_ns: Epochs

@@ -30,7 +30,7 @@ class Parameter(Protocol):
     """One or several numbers of one kind.
 
     ``names`` (s,) with ``sigma`` (s,) what is known of them beforehand, infinite for a free one; ``range`` (s,) is the
-    largest error that makes sense, by which a free one is held (it is told as unknown where the data do no better).
+    largest error that makes sense, by which a free one is held (it is reported as unknown where the data do no better).
     """
 
     @property

@@ -34,7 +34,7 @@ textbook gives, the equations independent and as noisy as their residuals.  ``na
 SOURCE_AXES = np.array([1.0, -1.0, -1.0])
 """Diagonal of the turn by pi about x from our K (z ahead) to the sources' camera, ``s = [x, y, -F]``."""
 STEP_LIMIT = 0.5
-"""A last step beyond this, rad, is none that a linearisation can vouch for."""
+"""Beyond a last step of this size, rad, the linearisation does not hold."""
 
 
 @dataclass(frozen=True, kw_only=True)

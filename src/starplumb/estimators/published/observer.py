@@ -229,7 +229,7 @@ def describe(estimate: ObserverEstimate) -> list[str]:
     cycles = len(estimate.trace_xyzw) - 1
     lines = [
         f"the very first equation put the initial error at {_triple(first)} about E's axes "
-        "(of the turn about its line of sight it knows nothing)"
+        "(it does not see the turn about its line of sight)"
     ]
     if cycles < 2:
         return [

@@ -140,7 +140,7 @@ def _sigma(
             f"(or the columns {', '.join(motion.SIGMA_ATTITUDE)} in {config.file})"
         )
     if own is not None and stated is not None:
-        notices.append(f"{settings}: {key}.sigma_arcsec gives way to the sigmas in {config.file}")
+        notices.append(f"{settings}: {key}.sigma_arcsec is not used: {config.file} has a sigma for each row")
     return own if own is not None else ARCSEC * np.array(stated)
 
 
@@ -152,7 +152,7 @@ def _require_whole_images(settings: str, fused: FusedAttitude, exposures: Exposu
     some = np.zeros_like(whole)
     np.logical_and.at(whole, image, used.mT)
     np.logical_or.at(some, image, used.mT)
-    told = []
+    notices = []
     for j, tracker in enumerate(fused.trackers):
         if np.any(part := some[:, j] & ~whole[:, j]):
             raise InputError(
@@ -163,10 +163,11 @@ def _require_whole_images(settings: str, fused: FusedAttitude, exposures: Exposu
         if missed.size:
             more = f" and {missed.size - 3} more" if missed.size > 3 else ""
             listed = ", ".join(names[i] for i in missed[:3]) + more
-            told.append(
-                f"{tracker.attitude.name}: found no attitude at {listed}, which is that of the other trackers there"
+            notices.append(
+                f"{tracker.attitude.name}: found no attitude at {listed}; "
+                "the attitude there is that of the other trackers"
             )
-    return told
+    return notices
 
 
 def _require_agreement(settings: str, fused: FusedAttitude, exposures: Exposures) -> list[str]:

@@ -28,7 +28,7 @@ class Sigmas:
     px: float | None = None
 
     def of(self, path: Path, points: GroundPoints) -> tuple[Array, Array]:
-        """Sigmas east, north, up (n, 3) m and of the pixels (n,); InputError where they are told twice, or not."""
+        """Sigmas east, north, up (n, 3) m and of the pixels (n,); InputError where stated twice, or not at all."""
         n = len(points.landmark_id)
         enu = _only(path, "--sigma-m", points.sigma_enu, self.enu_m, "sigmas of the places")
         px = _only(path, "--sigma-px", points.sigma_px, self.px, "sigmas of the pixels")

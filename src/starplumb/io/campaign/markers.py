@@ -142,7 +142,7 @@ def read_images(source: TableSource, scale: str, scans: bool, notices: list[str]
         wanted = "a positive number of seconds (negative where later rows are exposed earlier)"
         table.require(period != 0.0, "line_period_s", wanted)
     elif period is not None:
-        notices.append(f"{source}: ignored the column line_period_s, which a frame camera has not")
+        notices.append(f"{source}: ignored the column line_period_s, which a frame camera does not have")
         period = None
     tracker = table.texts.get("tracker")
     return Images(
@@ -157,8 +157,8 @@ def read_images(source: TableSource, scale: str, scans: bool, notices: list[str]
 def read_observations(
     source: TableSource, images: Sequence[str], landmarks: Sequence[str], grid: Grid, notices: list[str]
 ) -> Sightings:
-    """Sightings of known landmarks; every row is taken or refused, images and landmarks without one are
-    told."""
+    """Sightings of known landmarks; every row is taken or refused, images and landmarks without one
+    are reported."""
     table = read_table(
         source,
         texts=("image_id", "landmark_id"),
@@ -259,6 +259,4 @@ def _unseen(source: TableSource, kind: str, ids: Sequence[str], seen: Index) -> 
     if not unseen:
         return []
     named = ", ".join(unseen[:3]) + (f" and {len(unseen) - 3} more" if len(unseen) > 3 else "")
-    return [
-        f"{source}: found no row of the {kind}{'s' * (len(unseen) > 1)} {named}, which therefore adds nothing"
-    ]
+    return [f"{source}: found no row of the {kind}{'s' * (len(unseen) > 1)} {named}, so it adds nothing"]

@@ -124,7 +124,7 @@ def _ephemeris_table(source: TableSource, config: EphemerisConfig, scale: str) -
 
 
 def _standard_ephemeris(path: Path, config: EphemerisConfig, images_t_ns: Epochs) -> EphemerisTable:
-    """The orbit of a file in a standard format, told by its ending."""
+    """The orbit of a file in a standard format, recognised by its ending."""
     match path.suffix.lower():
         case ".sp3":
             from ..formats.sp3 import read_sp3

@@ -87,7 +87,7 @@ def _section(document: dict[str, Any], name: str) -> tuple[dict[str, Any], str]:
                 return tracker, "file"
     if name not in TABLES:
         near = nearest(name, TABLES)
-        hint = f" ({near} is near it)" if near else ""
+        hint = f" (did you mean {near}?)" if near else ""
         raise InputError(f"tables: found {show(name)}, wanted names among {', '.join(TABLES)}{hint}")
     key = "look_angles" if name == "look_angles" else "file"
     section = document.setdefault("camera" if name == "look_angles" else name, {})

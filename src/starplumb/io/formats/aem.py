@@ -126,7 +126,7 @@ def _quaternions(message: Message, segment: Segment) -> FloatArray:
     if wrong.any():
         row = int(np.argmax(wrong))
         raise message.error(
-            segment.lines[row], f"the quaternion has norm {norm[row]:.6g}, 1 within 0.001 is wanted"
+            segment.lines[row], f"the quaternion has norm {norm[row]:.6g}, wanted 1 within 0.001"
         )
     # Digits that are of unit norm already are kept as they are: no file changes by being read and written.
     norm[np.abs(norm - 1.0) < _ROUNDING] = 1.0

@@ -1,6 +1,6 @@
 """CCSDS orbit and attitude ephemeris messages (OEM, AEM), keyword = value and XML: the public door.
 
-The notation is told from the content, never from the name of the file. What the two messages share stands in
+The notation is recognised by the content, never by the name of the file. What the two messages share stands in
 :mod:`.ccsds_message`, the notations in :mod:`.ccsds_kvn` and :mod:`.ccsds_xml`, the content in :mod:`.oem`
 and :mod:`.aem`.
 """

@@ -1,4 +1,4 @@
-"""A CCSDS message on disk: notation told from the content, header written, digits kept."""
+"""A CCSDS message on disk: notation recognised by the content, header written, digits kept."""
 
 from __future__ import annotations
 

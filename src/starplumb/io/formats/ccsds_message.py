@@ -85,7 +85,7 @@ def set_version(message: Message, dialect: Dialect, found: Entry) -> None:
     major, _, minor = found.text.partition(".")
     if not (major.isdecimal() and int(major) in dialect.versions and minor.strip("0") == ""):
         wanted = ", ".join(f"{number}.0" for number in dialect.versions)
-        raise message.error(found.line, f"{dialect.version_key} is {found.text!r}, one of {wanted} is wanted")
+        raise message.error(found.line, f"{dialect.version_key} is {found.text!r}, wanted one of {wanted}")
     message.version = int(major)
 
 
@@ -129,7 +129,7 @@ def time_scale(message: Message) -> str:
     if found.upper() not in timescales.SCALES:
         line = message.segments[0].meta["TIME_SYSTEM"].line
         wanted = ", ".join(timescales.SCALES)
-        raise message.error(line, f"TIME_SYSTEM is {found!r}, one of {wanted} is wanted")
+        raise message.error(line, f"TIME_SYSTEM is {found!r}, wanted one of {wanted}")
     return found.upper()
 
 
@@ -138,7 +138,7 @@ def check_columns(message: Message, segment: Segment, allowed: tuple[int, ...]) 
     for row, line in zip(segment.rows, segment.lines, strict=True):
         if len(row) not in allowed:
             wanted = " or ".join(map(str, allowed))
-            raise message.error(line, f"found {len(row)} numbers after the epoch, {wanted} are wanted")
+            raise message.error(line, f"found {len(row)} numbers after the epoch, wanted {wanted}")
 
 
 def numbers(message: Message, segment: Segment, columns: slice, power: int = 0) -> FloatArray:
@@ -166,7 +166,7 @@ def numbers(message: Message, segment: Segment, columns: slice, power: int = 0) 
     finite = np.isfinite(values).all(axis=1)
     if not finite.all():
         row = int(np.argmin(finite))
-        raise message.error(segment.lines[row], f"found {' '.join(rows[row])}, finite numbers are wanted")
+        raise message.error(segment.lines[row], f"found {' '.join(rows[row])}, wanted finite numbers")
     return values
 
 
@@ -176,7 +176,7 @@ def _number(message: Message, line: int, text: str, power: int) -> float:
             raise InvalidOperation
         return float(Decimal(text).scaleb(power))
     except InvalidOperation:
-        raise message.error(line, f"found {text!r} where a number is wanted") from None
+        raise message.error(line, f"found {text!r}, wanted a number") from None
 
 
 def epochs(message: Message, texts: Sequence[str], lines: Sequence[int], scale: str) -> EpochArray:
@@ -197,7 +197,7 @@ def segment_epochs(message: Message, segment: Segment, scale: str) -> EpochArray
         raise message.error(
             segment.lines[row],
             f"epoch {segment.epochs[row]} {fault} the one before ({segment.epochs[row - 1]}), "
-            "increasing epochs are wanted",
+            "wanted increasing epochs",
         )
     return t_ns
 

@@ -17,7 +17,7 @@ _SCHEMA = (
 
 
 def read_xml(path: str, data: bytes, dialect: Dialect) -> Message:
-    """The message in ``data``. Raises InputError where it is not sound XML, or no message of that kind."""
+    """The message in ``data``. Raises InputError where it is not well-formed XML, or no message of that kind."""
     body = _body(path, parse_xml(path, data), dialect)
     message = Message(path, named_columns=True)
     set_version(message, dialect, Entry(body.get("version", ""), body.line))
@@ -36,7 +36,7 @@ def _body(path: str, root: XmlElement, dialect: Dialect) -> XmlElement:
     if not bodies:
         raise InputError(f"{path}: found no element {name}, wanted a CCSDS {dialect.name}")
     if len(bodies) > 1:
-        found = f"found a second {name}, one message per file is wanted"
+        found = f"found a second {name}, wanted one message per file"
         raise InputError(f"{path}, line {bodies[1].line}: {found}")
     return bodies[0]
 
@@ -87,7 +87,7 @@ def _take_record(message: Message, dialect: Dialect, segment: Segment, record: X
         if wanted is None:
             continue
         if (unit := leaf.get("units")) and unit != wanted:
-            raise message.error(leaf.line, f"{leaf.tag} is in {unit!r}, {wanted or 'no unit'} is wanted")
+            raise message.error(leaf.line, f"{leaf.tag} is in {unit!r}, wanted {wanted or 'no unit'}")
         _enter(message, found, leaf)
     for name in ("EPOCH", *dialect.columns):
         if name not in found:

@@ -99,7 +99,7 @@ def _frame(message: Message, segment: Segment) -> str:
     """ITRF or GCRF; the centre must be the Earth's."""
     center = segment.meta["CENTER_NAME"]
     if center.text.upper() != "EARTH":
-        raise message.error(center.line, f"CENTER_NAME is {center.text!r}, EARTH is wanted")
+        raise message.error(center.line, f"CENTER_NAME is {center.text!r}, wanted EARTH")
     frame = segment.meta["REF_FRAME"]
     if (known := earth_frame(frame.text)) is not None:
         return known

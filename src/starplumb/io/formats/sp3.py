@@ -69,7 +69,7 @@ def read_sp3(path: str | Path, satellite: str | None = None) -> EphemerisTable:
     if late.any():
         row = int(np.argmax(late)) + 1
         fault = f"epoch {records.epochs[row]} is not later than the one before ({records.epochs[row - 1]})"
-        raise InputError(f"{path}, line {records.lines[row]}: {fault}, increasing epochs are wanted")
+        raise InputError(f"{path}, line {records.lines[row]}: {fault}, wanted increasing epochs")
     velocities, notices = _velocities(path, records)
     return EphemerisTable(
         t_ns,

@@ -53,7 +53,9 @@ class Raster:
         try:
             dataset = rasterio.open(path)
         except RasterioIOError:
-            raise InputError(f"{path}: found what is no raster, wanted a GeoTIFF or the like") from None
+            raise InputError(
+                f"{path}: found a file that is not a raster, wanted a GeoTIFF or the like"
+            ) from None
         if dataset.crs is None or dataset.transform.is_identity:
             raise InputError(f"{path}: found no reference system, wanted a georeferenced raster")
         return cls(path, dataset)
@@ -229,6 +231,6 @@ def _complete(
         guilty = inner if np.isnan(inner.at(*place)).any() else outer
         where = f"latitude {latitude[row] / DEG:.6f}, longitude {longitude[row] / DEG:.6f}"
         raise InputError(
-            f"{guilty.path}: found no height for {show(names[row])} at {where}, wanted it covered"
+            f"{guilty.path}: found no height for {show(names[row])} at {where}, wanted a raster that covers it"
         )
     return values

@@ -48,7 +48,7 @@ def read_points(path: Path, flat: bool = False) -> Table:
     except DataSourceError as error:
         reason = " ".join(str(error).split())
         raise InputError(
-            f"{path}: found what is no vector file ({reason}), wanted GeoPackage, GeoJSON or Shapefile"
+            f"{path}: found a file that is not a vector file ({reason}), wanted GeoPackage, GeoJSON or Shapefile"
         ) from None
     if not _WGS84.fullmatch(str(meta["crs"])):
         raise InputError(

@@ -300,8 +300,8 @@ def _error_rules(given: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
                 f"found {show(tracker)}, wanted the name of one of the [[trackers]]",
             )
     omit, factor = stated.get("omit", []), stated.get("factor", {})
-    for key, told in (("omit", omit), ("factor", factor)):
-        for name in told if isinstance(told, list | dict) else ():
+    for key, entries in (("omit", omit), ("factor", factor)):
+        for name in entries if isinstance(entries, list | dict) else ():
             if name not in sources:
                 yield (
                     f"stated.{key}",
@@ -311,5 +311,5 @@ def _error_rules(given: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     if truth and not {"pixel", "rounding"} & set(kinds):
         yield (
             "truth",
-            'found no stated error = "pixel" or "rounding", wanted one: no image is measured without',
+            'found no stated error = "pixel" or "rounding", wanted one: every measured pixel has noise',
         )

@@ -109,7 +109,8 @@ class ErrorConfig(Section):
         default="ITRF", description='"ITRF", "GCRF" or "orbital"'
     )
     correlation_time_s: Positive | None = Field(
-        default=None, description="the time after which a Gauss-Markov error has forgotten 63 %, s"
+        default=None,
+        description="the correlation time of a Gauss-Markov error, s (its correlation then is 1/e)",
     )
     distribution: Annotated[
         Literal["gaussian", "uniform", "student"], choice("gaussian", "uniform", "student")
@@ -135,10 +136,10 @@ class ErrorConfig(Section):
 
 
 class StatedConfig(Section):
-    """[stated]: where what the estimator is told differs from the truth."""
+    """[stated]: what the estimator believes, where it differs from the truth."""
 
     omit: list[str] = Field(
-        default_factory=list, description="a list of names of sources the estimator is not told of"
+        default_factory=list, description="a list of names of sources that the estimator does not know of"
     )
     factor: dict[str, Annotated[float, BeforeValidator(number("a positive number", lambda x: x > 0.0))]] = (
         Field(default_factory=dict, description="stated sigma over true sigma, by the name of the source")
@@ -154,4 +155,4 @@ class InitialConfig(Section):
     distribution: Annotated[
         Literal["gaussian", "uniform", "student"], choice("gaussian", "uniform", "student")
     ] = Field(default="gaussian", description='"gaussian", "uniform" or "student"')
-    stated: bool = Field(default=False, description="true where the estimator is told the sigma as a prior")
+    stated: bool = Field(default=False, description="true where the estimator has the sigma as a prior")

@@ -43,7 +43,7 @@ def as_found(found: object) -> str:
 
 
 def to_numbers(name: str, column: str, cells: Sequence[str], row_number: Callable[[int], int]) -> Array:
-    """Finite numbers (n,) of n cells. Raises InputError about the first cell that is none."""
+    """Finite numbers (n,) of n cells. Raises InputError about the first cell that is not one."""
     joined = "".join(cells)
     if joined.isascii() and "_" not in joined:  # float() takes 1_000 and the digits of other scripts
         try:

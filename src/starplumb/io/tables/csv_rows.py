@@ -127,7 +127,7 @@ class CsvLines:
         try:
             yield from self._reader
         except csv.Error as error:
-            found = f"found what is not CSV ({error}), wanted cells separated by commas, quotes closed"
+            found = f"found text that is not CSV ({error}), wanted cells separated by commas, quotes closed"
             raise InputError(f"{self._path}, row {self.line}: {found}") from None
 
 

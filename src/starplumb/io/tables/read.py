@@ -23,7 +23,7 @@ from .schema import Schema
 Epochs = NDArray[np.int64]
 
 TABLE_SUFFIXES = (".csv", ".parquet", ".arrow", ".feather")
-"""Endings of tables; which format a file has is told by its content."""
+"""Endings of tables; a file's format is recognised by its content."""
 
 LARGE = 1 << 22
 """Bytes of a CSV file from which on reading it by PyArrow makes up for the import of PyArrow (0.1 s)."""

@@ -49,7 +49,7 @@ class Schema:
         if lacking:
             known = (*needed, *self.optional_texts, *self.optional_numbers)
             near = nearest(lacking[0], [name for name in header if name not in known])
-            hint = f" ({show(near)} is near it)" if near else ""
+            hint = f" (did you mean {show(near)}?)" if near else ""
             columns = "the columns" if len(lacking) > 1 else "the column"
             found = show(", ".join(header))
             raise InputError(

@@ -69,7 +69,7 @@ def _add(group: Element, key: str, value: str) -> None:
 
 
 def _unsound(path: Path, text: str, at: int) -> InputError:
-    """The sentence about the first statement that is none."""
+    """The error for the first text that is not a statement."""
     at += len(text[at:]) - len(text[at:].lstrip())
     if at >= len(text):
         return InputError(f"{path}: found its end without END;, wanted the whole file")

@@ -1,4 +1,4 @@
-"""TOML documents from disk, checked against a model; everything wrong with one is told in one line."""
+"""TOML documents from disk, checked against a model; all that is wrong with one is reported in one line."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ def read_toml(path: Path) -> dict[str, Any]:
         where = re.search(r" \(at line (\d+), column (\d+)\)$", reason)
         if where is None:
             raise InputError(
-                f"{path}: found what is not TOML ({reason}), wanted key = value lines and [sections]"
+                f"{path}: found text that is not TOML ({reason}), wanted key = value lines and [sections]"
             ) from None
         line, column = where.groups()
         reason = reason[: where.start()]
         raise InputError(
-            f"{path}, line {line}, column {column}: found what is not TOML ({reason}), wanted valid TOML"
+            f"{path}, line {line}, column {column}: found text that is not TOML ({reason}), wanted valid TOML"
         ) from None
 
 

@@ -53,7 +53,7 @@ def parse_xml(name: str, data: bytes) -> XmlElement:
     except expat.ExpatError as error:
         reason = expat.errors.messages.get(error.code, "malformed")
         found = f"found XML that is not well formed ({reason})"
-        raise InputError(f"{name}, line {error.lineno}: {found}, wanted sound XML") from None
+        raise InputError(f"{name}, line {error.lineno}: {found}, wanted well-formed XML") from None
     except (LookupError, ValueError) as error:
         raise InputError(
             f"{name}: found XML in an encoding that cannot be read ({error}), wanted UTF-8"

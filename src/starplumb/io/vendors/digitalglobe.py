@@ -70,7 +70,7 @@ def read_digitalglobe(path: Path, optics: Optics | None = None, band: str | None
     band = band or parts.imd.need("bandId").text
     if optics is None:
         if parts.geo is None:
-            raise InputError(f"{path}: found no .GEO beside it, wanted it or the camera's optics from you")
+            raise InputError(f"{path}: found no .GEO beside it, wanted it or the camera's optics stated")
         optics = read_optics(parts.geo, band)
     image = parts.imd.need("IMAGE")
     product = Product(

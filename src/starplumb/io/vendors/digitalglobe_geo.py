@@ -65,13 +65,13 @@ def read_optics(geo: Node, band: str) -> Optics:
         listed = geo.find(f"OPTICAL_DISTORTION/{key}List")
         for row in listed.all(key) if listed else []:
             if row.text and np.any(row.numbers() != 0.0):
-                raise row.error(f"an optical distortion, {show(row.text)}", "none, or the optics from you")
+                raise row.error(f"an optical distortion, {show(row.text)}", "none, or the optics stated")
     mounting = geo.need("DETECTOR_MOUNTING")
     array = band_group(mounting, band).one("DETECTOR_ARRAY")
     rotation = array.need("detRotAngle")
     if rotation.number() != 0.0:
         raise rotation.error(
-            show(rotation.text), "0, or the optics from you (the unit and sign are not published)"
+            show(rotation.text), "0, or the optics stated (its unit and sign are not published)"
         )
     return Optics(
         principal_distance_mm=geo.need("PRINCIPAL_DISTANCE/pd").positive(),

@@ -130,7 +130,7 @@ def _corner_check(product: Product, campaign: Campaign) -> list[str]:
     try:
         met = locate(campaign, product.C_EK, image, corners.column_px, corners.row_px, height)
     except EpochError:
-        return []  # rows that the attitude does not cover have been told
+        return []  # rows that the attitude does not cover are already reported
     worst = float(np.max(np.linalg.norm(met - corners.r_J, axis=-1)))
     if not worst <= CORNER_LIMIT_M:
         found = (
@@ -178,7 +178,7 @@ def _with_corners(product: Product, campaign: Campaign, sigma_m: float, sigma_px
     """The product's corners as landmarks; it places them with its own mounting, so this recovers that one."""
     corners = product.corners
     if corners is None or not corners.have_heights:
-        raise InputError(f"{product.path}: found no corners with heights, wanted landmarks from you")
+        raise InputError(f"{product.path}: found no corners with heights, wanted a table of landmarks")
     for name, sigma in (("sigma_m", sigma_m), ("sigma_px", sigma_px)):
         if not (np.isfinite(sigma) and sigma > 0.0):
             raise InputError(f"corners: found the {name} {sigma:g}, wanted a positive number")

@@ -112,7 +112,7 @@ class Product:
             lacking = {"sigma_m": position, "sigma_arcsec": attitude}
             wanted = " and ".join(name for name, sigma in lacking.items() if sigma is None)
             raise InputError(
-                f"{self.path}: found no sigma of its positions or attitude, wanted {wanted} from you"
+                f"{self.path}: found no sigma of its positions or attitude, wanted {wanted} stated"
             )
         inertial = EarthOrientation.load() if self.frame == "GCRF" else None
         index, value = np.empty(0, dtype=np.int64), np.empty(0)

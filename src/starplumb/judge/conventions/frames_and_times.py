@@ -102,7 +102,7 @@ def _attitude(campaign: Campaign, written: Written) -> Iterator[Mistake]:
         yield Mistake(
             f"attitude.{key}" + ("-moved" if roll == 1 else ""),
             f"the attitude's quaternions are {' and '.join(parts)}",
-            "mend the attitude's columns, attitude.from and attitude.to",
+            "correct the attitude's columns, or attitude.from and attitude.to",
             undo,
         )
 
@@ -271,7 +271,7 @@ def _mounting(written: Written) -> Iterator[Mistake]:
         yield Mistake(
             f"mounting.{key}" + ("-moved" if roll == 1 else ""),
             f"the model mounting is {' and '.join(parts)}",
-            "mend [mounting]",
+            "correct [mounting]",
             undo,
         )
 

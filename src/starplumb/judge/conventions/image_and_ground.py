@@ -126,7 +126,7 @@ def magnified(camera: Camera, scale: float) -> Camera:
 
 def _landmarks() -> Iterator[Mistake]:
     """Geodetic coordinates exchanged, mirrored, geocentric or in feet."""
-    remedy = "mend the table of landmarks"
+    remedy = "correct the table of landmarks"
     kinds: tuple[tuple[str, str, str, Callable[[Places], Places]], ...] = (
         ("exchanged", "latitude and longitude of the landmarks are exchanged", remedy, _exchanged),
         (
@@ -154,8 +154,8 @@ def _landmarks() -> Iterator[Mistake]:
             lambda p: (p[0], p[1], FOOT_M * p[2]),
         ),
     )
-    for key, what, mend, change in kinds:
-        yield Mistake(f"landmarks.{key}", what, mend, _moving(change))
+    for key, what, advice, change in kinds:
+        yield Mistake(f"landmarks.{key}", what, advice, _moving(change))
 
 
 def _exchanged(places: Places) -> Places:

@@ -157,7 +157,7 @@ def _trackers(campaign: Campaign) -> Iterator[Mistake]:
         yield Mistake(
             f"tracker.{name}",
             f"the mounting of the star tracker {name!r} against {other!r} is off by {apart:.0f} arcsec",
-            f"mend the mounting of {name!r}; or let a column tracker of the table of images say which tracker each "
+            f"correct the mounting of {name!r}; or let a column tracker of the table of images say which tracker each "
             "image's attitude is from, and calibrate with --estimate trackers",
             undo,
             evidence=f"the star trackers {name!r} and {other!r} differ by {apart:.0f} arcsec on average over "
@@ -166,7 +166,7 @@ def _trackers(campaign: Campaign) -> Iterator[Mistake]:
 
 
 def _reference(attitude: FusedAttitude) -> int:
-    """The tracker whose frame is E, or the first one where E is none of theirs."""
+    """The tracker whose frame is E, or the first one where no tracker has the frame E."""
     off = [float(np.abs(tracker.C_EA - np.eye(3)).max()) for tracker in attitude.trackers]
     return int(np.argmin(off))
 
@@ -235,7 +235,7 @@ def _samples(campaign: Campaign) -> Iterator[Mistake]:
                 f"sample.{when.split()[0]}",
                 f"the attitude sample{which} at {when}, beside image {image!r}, is wrong: it is off by about "
                 f"{off[place] / ARCSEC:.0f} arcsec",
-                "leave the sample out of the attitude, or mend it",
+                "leave the sample out of the attitude, or correct it",
                 _without_sample(series, row),
                 evidence=f"the attitude sample{which} at {when} lies {off[place] / ARCSEC:.0f} arcsec from where its "
                 f"neighbours predict it (usually {usual / ARCSEC:.2g} arcsec)",

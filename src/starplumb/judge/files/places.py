@@ -68,8 +68,8 @@ def _same_place(
     names = [f"{ids[used[a]]} = {ids[used[b]]}" for a, b in pairs.tolist()]
     yield Evidence(
         "same place",
-        f"the same place stands under several ids: {listed(names)}; its error is then counted as several independent "
-        f"ones, wrong by {worst(covariance_E, further)}",
+        f"the same place is listed under several ids: {listed(names)}; its error is then counted as several "
+        f"independent ones, wrong by {worst(covariance_E, further)}",
         "give one id to one place",
         weakens=growth(covariance_E, further) > 1.05,
         covariance_E=further,
