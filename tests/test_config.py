@@ -216,7 +216,7 @@ def test_sigmas_of_the_attitude_table(tmp_path: Path) -> None:
     # I1 lies a quarter of the way from the first sample to the second, I2 three quarters
     stated = loaded.campaign.cov_attitude_E / ARCSEC**2
     np.testing.assert_allclose(stated, [np.diag([25.0, 25.0, 225.0]), np.diag([49.0, 25.0, 625.0])])
-    assert ["attitude.sigma_arcsec gives way" in notice for notice in loaded.notices] == [True]
+    assert ["attitude.sigma_arcsec is not used" in notice for notice in loaded.notices] == [True]
 
 
 def test_pixel_origin_moves_everything_by_half_a_pixel(tmp_path: Path) -> None:
