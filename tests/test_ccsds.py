@@ -267,7 +267,7 @@ BAD_OEM = {
     "empty": ("", "empty"),
     "other text": ("time,x_m\n1,2\n", "line 1: found 'time,x_m'"),
     "an AEM": (aem_kvn(), "line 1: found CCSDS_AEM_VERS, wanted CCSDS_OEM_VERS"),
-    "version 4": (oem_kvn(version="4.0"), r"line 1: CCSDS_OEM_VERS is '4.0', one of 1.0, 2.0, 3.0"),
+    "version 4": (oem_kvn(version="4.0"), r"line 1: CCSDS_OEM_VERS is '4.0', wanted one of 1.0, 2.0, 3.0"),
     "no segment": ("CCSDS_OEM_VERS = 2.0\n", "no segment"),
     "no rows": (oem_kvn(rows=[]), "line 4: the segment that starts here has no data"),
     "metadata not closed": (oem_kvn().replace("META_STOP\n", ""), "line 12: found '2000-01-01T12:00:00"),
@@ -286,18 +286,18 @@ BAD_OEM = {
     "Mars": (oem_kvn(OEM_META | {"CENTER_NAME": "MARS"}), "line 7: CENTER_NAME is 'MARS', wanted EARTH"),
     "time system": (
         oem_kvn(OEM_META | {"TIME_SYSTEM": "TDB"}),
-        "line 9: TIME_SYSTEM is 'TDB', one of UTC, TAI",
+        "line 9: TIME_SYSTEM is 'TDB', wanted one of UTC, TAI",
     ),
     "not a number": (
         oem_kvn(rows=[OEM_ROWS[0], OEM_ROWS[1].replace("-76.5", "abc")]),
         "line 14: found 'abc'",
     ),
     "thousands": (oem_kvn(rows=[OEM_ROWS[0].replace("7000", "7_000")]), "line 13: found '7_000.12"),
-    "nan": (oem_kvn(rows=[OEM_ROWS[0].replace("0.25", "nan")]), "line 13: found .*nan.*, finite numbers"),
+    "nan": (oem_kvn(rows=[OEM_ROWS[0].replace("0.25", "nan")]), "line 13: found .*nan.*, wanted finite numbers"),
     "infinite": (oem_kvn(rows=[OEM_ROWS[0].replace("0.25", "1e999")]), "line 13: found .*finite numbers"),
     "short row": (
         oem_kvn(rows=[OEM_ROWS[0], OEM_ROWS[1][:-4]]),
-        "line 14: found 5 numbers after the epoch, 6 or 9",
+        "line 14: found 5 numbers after the epoch, wanted 6 or 9",
     ),
     "bad epoch": (
         oem_kvn(rows=[OEM_ROWS[0], OEM_ROWS[1].replace("01T", "32T")]),
@@ -457,7 +457,7 @@ def _aem_meta(**changes: str) -> dict[str, str]:
 BAD_AEM = {
     "norm": (
         aem_kvn(rows=["2000-01-01T12:00:00 0 0 0.5 0.5"]),
-        "line 16: the quaternion has norm 0.707107, 1 within",
+        "line 16: the quaternion has norm 0.707107, wanted 1 within",
     ),
     "norm just too far": (aem_kvn(rows=["2000-01-01T12:00:00 0 0 0 1.0011"]), "norm 1.0011"),
     "zero": (aem_kvn(rows=["2000-01-01T12:00:00 0 0 0 0"]), "norm 0,"),

@@ -382,7 +382,7 @@ BAD: list[tuple[Change, str]] = [
     (_set("EPH", "startTime", None), "found no startTime"),
     (
         _set("GEO", "DETECTOR_MOUNTING/BAND_P/DETECTOR_ARRAY_1/detRotAngle", "0.5"),
-        "the unit and sign are not published",
+        "its unit and sign are not published",
     ),
     (
         _set("GEO", "DETECTOR_MOUNTING/BAND_P/DETECTOR_ARRAY_2", {"detPitch": "1"}),
