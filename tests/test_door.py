@@ -357,5 +357,5 @@ def test_five_rows_of_a_frame_are_shown(rows, title):
 
 def test_a_frame_without_pandas_names_the_way_out(monkeypatch):
     monkeypatch.setitem(sys.modules, "pandas", None)
-    with pytest.raises(sp.InputError, match=r"to_frame needs pandas.*pip install pandas, or to_dict"):
+    with pytest.raises(sp.InputError, match=r"to_frame needs pandas.*pip install pandas. or use to_dict"):
         numbered(2).to_frame()

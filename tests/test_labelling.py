@@ -277,7 +277,7 @@ def test_two_placements_are_told_apart_by_odds_of_a_million(explained, chance, b
         ""
         if believed
         else f"two placements of the landmarks, 1 deg apart, explain {explained[0]} and {explained[1]} "
-        "of the 30 detections: which is right cannot be told"
+        "of the 30 detections, too similar a number to decide between them"
     )
 
 

@@ -126,7 +126,7 @@ RIGHT = "the stated covariance is right: error over stated sigma 1.000, 1.000, 1
             {"failed": 100, "lost": 2},
             [
                 "all of 100 runs failed (100 not converged); their errors are in every figure, "
-                "save 2 without any estimate",
+                "except 2 without any estimate",
                 RIGHT,
             ],
         ),
