@@ -293,7 +293,10 @@ BAD_OEM = {
         "line 14: found 'abc'",
     ),
     "thousands": (oem_kvn(rows=[OEM_ROWS[0].replace("7000", "7_000")]), "line 13: found '7_000.12"),
-    "nan": (oem_kvn(rows=[OEM_ROWS[0].replace("0.25", "nan")]), "line 13: found .*nan.*, wanted finite numbers"),
+    "nan": (
+        oem_kvn(rows=[OEM_ROWS[0].replace("0.25", "nan")]),
+        "line 13: found .*nan.*, wanted finite numbers",
+    ),
     "infinite": (oem_kvn(rows=[OEM_ROWS[0].replace("0.25", "1e999")]), "line 13: found .*finite numbers"),
     "short row": (
         oem_kvn(rows=[OEM_ROWS[0], OEM_ROWS[1][:-4]]),
