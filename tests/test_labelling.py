@@ -318,3 +318,36 @@ def test_one_detection_an_image_matches_nothing(rng):
     found = label(campaign, alone)
     assert found.refusal.startswith("no two detections of an image match")
     np.testing.assert_array_equal(found.C_EK, campaign.C_EK)
+
+
+def exact(shift_sigma, twin):
+    """Exact detections in two images, the first (or a second one of its marker) so many sigmas of 0.3 px aside."""
+    true = truth(FRAME, 2, 8, sigmas=replace(SIGMAS, landmark=np.full(3, 1e-3)))
+    s = true.sightings
+    pick = np.append(np.arange(s.image.size), 0) if twin else np.arange(s.image.size)
+    column = s.column_px[pick].copy()
+    column[-1 if twin else 0] += 0.3 * shift_sigma
+    model = replace(true, C_EK=so3.exp(np.array([0.2, -0.1, 0.3]) * DEG) @ C_EK_TRUE)
+    return model, Detections(s.image[pick], column, s.row_px[pick], np.full(pick.size, 0.3))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("shift_sigma", "twin", "first", "last"),
+    [
+        (3.3, False, Label.LABELLED, Label.LABELLED),
+        (5.0, False, Label.NO_LANDMARK, Label.LABELLED),
+        (3.3, True, Label.AMBIGUOUS, Label.AMBIGUOUS),
+        (5.0, True, Label.AMBIGUOUS, Label.NO_LANDMARK),
+        (7.5, True, Label.LABELLED, Label.NO_LANDMARK),
+    ],
+)
+def test_a_detection_fits_to_one_in_a_thousand_and_is_a_rival_to_twice_that(shift_sigma, twin, first, last):
+    """T, the square of the shift less a share that the image's own errors take up, has the critical value 13.8.
+
+    3.3 sigma are 10.9 at most, 5 sigma 25 at most and above 13.8, 7.5 sigma (56 at most) above 27.6.
+    """
+    found = label(*exact(shift_sigma, twin))
+    assert found.refusal == ""
+    assert (found.label[0], found.label[-1]) == (first, last)
+    assert np.all(found.label[1:-1] == Label.LABELLED)
