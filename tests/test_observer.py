@@ -274,7 +274,7 @@ def test_an_answer_is_weak_where_the_last_cycle_moved_it_by_more_than_the_limit(
     found = Observer(cycles=3, settle=times * float(moved[1]))(two_images(), model)
     assert found.status == status
     assert found.cycles_needed == (2 if status is Status.OK else 0)
-    assert found.describe()[-1] == (
+    assert found.describe(C_EK_TRUE)[-1] == (
         "settled by cycle 2" if status is Status.OK else "had not settled after its last cycle"
     )
     always = Observer(cycles=3, settle=1.01 * float(moved[0]))(two_images(), model)
@@ -293,4 +293,4 @@ def test_two_directions_that_rounding_cannot_tell_apart_are_one(apart, status):
 
 def test_what_an_unusable_answer_says_is_why(rng):
     one = two_images().select(np.array([0]))
-    assert Observer()(one, C_EK_TRUE).describe() == (Status.SINGULAR.text,)
+    assert Observer()(one, C_EK_TRUE).describe(C_EK_TRUE) == (Status.SINGULAR.text,)

@@ -134,8 +134,12 @@ class AlignmentEstimate:
         """Sentences about one run that belong into the message of a calibration."""
         return ()
 
-    def describe(self) -> tuple[str, ...]:
-        """Short sentences about one run for a comparison of methods: its notes, or why it must not be used."""
+    def describe(self, C_EK_best: Array) -> tuple[str, ...]:
+        """Short sentences about one run for a comparison of methods: its notes, or why it must not be used.
+
+        ``C_EK_best`` (3, 3) is the best answer at hand, that of gls: what a method makes of its initial error is
+        measured by it.
+        """
         status = Status(int(self.status))
         return self.notes if status.usable else (status.text,)
 

@@ -92,8 +92,8 @@ def _remarks(estimate: AlignmentEstimate, gls: AlignmentEstimate) -> tuple[str, 
     """What to know before this method's answer is used."""
     worse = _worse(estimate, gls) if Status(int(estimate.status)).usable else None
     if worse is None or worse <= 1.05:
-        return estimate.describe()
-    return (*estimate.describe(), f"sigma up to {worse:.3g} times that of gls")
+        return estimate.describe(gls.C_EK)
+    return (*estimate.describe(gls.C_EK), f"sigma up to {worse:.3g} times that of gls")
 
 
 def _worse(estimate: AlignmentEstimate, gls: AlignmentEstimate) -> float | None:

@@ -43,26 +43,24 @@ class LinearEstimate(AlignmentEstimate):
 
     C_EK_model: Array
 
-    @property
-    def bias(self) -> Array:
-        """Size (...) of ``1/2 theta_z (z x theta)``, rad: by what a linear step in a narrow field misses the answer."""
-        z_E, theta_E = self.C_EK[..., :, 2], so3.log(self.C_EK_model @ self.C_EK.mT)
-        return np.asarray(
-            np.linalg.norm(0.5 * np.vecdot(z_E, theta_E)[..., None] * np.cross(z_E, theta_E), axis=-1)
-        )
-
-    def describe(self) -> tuple[str, ...]:
+    def describe(self, C_EK_best: Array) -> tuple[str, ...]:
         """How the initial error bears on the answer, then the notes."""
         if not Status(int(self.status)).usable:
-            return super().describe()
-        theta = float(np.linalg.norm(so3.log(self.C_EK_model @ self.C_EK.mT))) / ARCMIN
+            return super().describe(C_EK_best)
+        theta_E = so3.log(self.C_EK_model @ C_EK_best.mT)
+        theta = float(np.linalg.norm(theta_E)) / ARCMIN
         steps = int(self.iterations)
         if steps > 1:
             step = f"{steps} linear steps: re-linearised, no bias at this initial error ({theta:.3g} arcmin)"
         else:
-            bias = f"{float(self.bias) / ARCSEC:.2g} arcsec"
+            bias = f"{linear_bias(C_EK_best[:, 2], theta_E) / ARCSEC:.2g} arcsec"
             step = f"one linear step: biased by up to {bias} at this initial error ({theta:.3g} arcmin)"
         return (step, *self.notes)
+
+
+def linear_bias(z_E: Array, theta_E: Array) -> float:
+    """Size of ``1/2 theta_z (z x theta)``, rad: by what one linear step in a narrow field misses the answer."""
+    return float(np.linalg.norm(0.5 * (z_E @ theta_E) * np.cross(z_E, theta_E)))
 
 
 @dataclass(frozen=True)

@@ -61,10 +61,10 @@ class ObserverEstimate(AlignmentEstimate):
         """How large the initial error was, whether the estimate has settled, and when."""
         return tuple(describe(self))
 
-    def describe(self) -> tuple[str, ...]:
+    def describe(self, C_EK_best: Array) -> tuple[str, ...]:
         """Its notes, and when it settled."""
         if not Status(int(self.status)).usable:
-            return super().describe()
+            return super().describe(C_EK_best)
         cycles = int(self.cycles_needed)
         settled = f"settled by cycle {cycles}" if cycles else "had not settled after its last cycle"
         return (*self.notes, settled)

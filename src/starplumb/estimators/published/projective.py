@@ -34,11 +34,11 @@ class ProjectiveEstimate(AlignmentEstimate):
 
     r_J: Array
 
-    def describe(self) -> tuple[str, ...]:
+    def describe(self, C_EK_best: Array) -> tuple[str, ...]:
         """Its notes, or that the campaign has no image fit for it."""
         if int(self.status) == Status.SINGULAR:
             return ("not applicable: no image has four markers well apart and off a line",)
-        return super().describe()
+        return super().describe(C_EK_best)
 
 
 @dataclass(frozen=True)
