@@ -514,11 +514,12 @@ def test_the_table_of_the_correction_by_hand():
     """The truth beside it where it is known; correlations of x with y 0.5, of y with z -0.25, where it may be used."""
     sigma = np.array([1.0, 2.0, 4.0]) * ARCSEC
     R = np.array([[1.0, 0.5, 0.0], [0.5, 1.0, -0.25], [0.0, -0.25, 1.0]])
-    c = SimpleNamespace(estimate=SimpleNamespace(covariance_E=R * np.outer(sigma, sigma)), status=Status.WEAK)
+    c = SimpleNamespace(covariance_E=R * np.outer(sigma, sigma), status=Status.WEAK)
     document = {
         "mounting": {"to": "ST"},
         "correction_arcsec": [10.0, -20.0, 30.0],
         "sigma_arcsec": [1.0, 2.0, 4.0],
+        "interval_95_arcsec": None,
     }
     correction, correlation = tables.alignment(c, document)
     assert correction.caption.endswith("about the axes of ST")

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import __version__
-from ..estimators.protocol import ParameterVector
+from ..estimators.protocol import ParameterVector, Status
 from ..judge.calibrate import Calibration, shares
 from ..judge.residuals import Accuracy, rms
 from ..judge.separability import known
@@ -42,7 +42,8 @@ def result_document(
     Numbers that cannot be stated (no covariance, a singular solution, lines of sight that miss the Earth) are null.
     """
     c, estimate = calibration, calibration.estimate
-    covariance, sigma = estimate.covariance_E, estimate.sigma_E
+    covariance, sigma, interval = c.covariance_E, c.sigma_E, c.interval_95_E
+    refuted = c.status is Status.REFUTED
     return {
         "schema": RESULT_SCHEMA,
         "status": c.status.name.lower(),
@@ -51,12 +52,13 @@ def result_document(
         "mounting": {
             "from": frames[0],
             "to": frames[1],
-            "matrix": numbers(estimate.C_EK),
-            "quaternion_xyzw": numbers(so3.to_quaternion(estimate.C_EK)),
+            "matrix": numbers(c.C_EK),
+            "quaternion_xyzw": numbers(so3.to_quaternion(c.C_EK)),
         },
-        "correction_arcsec": numbers(c.correction_E / ARCSEC),
+        "correction_arcsec": None if refuted else numbers(c.correction_E / ARCSEC),
         "sigma_arcsec": None if sigma is None else numbers(sigma / ARCSEC),
         "covariance_arcsec2": None if covariance is None else numbers(covariance / ARCSEC**2),
+        "interval_95_arcsec": None if interval is None else numbers(interval / ARCSEC),
         "fit": _fit(c),
         "geolocation": {
             "before": accuracy_document(c.accuracy(after=False)),
@@ -73,9 +75,9 @@ def result_document(
             for r in c.rejected
         ],
         **_budget(c),
-        **({} if estimate.parameters is None else _parameters(c, estimate.parameters)),
+        **({} if estimate.parameters is None or refuted else _parameters(c, estimate.parameters)),
         **_shared(c),
-        **({} if truth is None else {"truth": _truth(c, truth)}),
+        **({} if truth is None or refuted else {"truth": _truth(c, truth)}),
         "inputs": dict(inputs),
         "software": {"starplumb": __version__, "numpy": np.__version__},
         **provenance,
@@ -109,6 +111,7 @@ def unmatched_document(
         "correction_arcsec": None,
         "sigma_arcsec": None,
         "covariance_arcsec2": None,
+        "interval_95_arcsec": None,
         "fit": {"images": len(campaign.images.ids), "observations": 0, "degrees_of_freedom": 0},
         "geolocation": {"before": nothing, "after": nothing, "check": None},
         "rejected": [],

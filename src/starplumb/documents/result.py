@@ -133,7 +133,8 @@ def _known(status: str) -> str:
 
 
 class ResultDocument(Document):
-    """``result.json``; ``sigma_arcsec`` and ``covariance_arcsec2`` are about x, y, z of the star tracker."""
+    """``result.json``; ``sigma_arcsec`` and ``covariance_arcsec2`` are about x, y, z of the star tracker, and so
+    are ``interval_95_arcsec``, half-widths of the 95 % intervals widened by all that was found."""
 
     schema_: Literal["starplumb-result/1"] = Field(alias="schema")
     status: Annotated[str, AfterValidator(_known)]
@@ -143,6 +144,7 @@ class ResultDocument(Document):
     correction_arcsec: Numbers3 | None
     sigma_arcsec: Numbers3 | None
     covariance_arcsec2: MatrixOrNulls3 | None
+    interval_95_arcsec: Numbers3 | None = None
     fit: Fit
     geolocation: Geolocation
     rejected: list[Rejected]

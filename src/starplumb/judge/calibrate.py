@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -17,16 +17,21 @@ from ..physics.errors import InputError
 from ..table.campaign import Campaign
 from ..table.geometry import observe
 from ..table.observations import Observations
-from .consistency import chi2_p, findings
+from .consistency import EXACT, chi2_p, findings
+from .contradictions import Support, culprit, disagreement, rejected_images, rival, worse_on_the_ground
 from .files.evidence import Evidence
 from .files.findings import findings_of_files
 from .files.sharing import shared
+from .from_data import ImageRotations, half_widths_95, image_rotations
 from .residuals import Accuracy, Residuals, residuals
 from .separability import UNKNOWN, Combination, combinations, ruins_alignment, without_gain
 from .snooping import Rejection, Snooping, fit_at, recognised, rejections, snoop
+from .trust import Finding, interval_95, judged, said
 
 Array = NDArray[np.float64]
 
+IMPROBABLE_P = 0.01
+"""Probability of chi-square below which the message says what fits worst."""
 PRIOR = "what was known before"
 """Name of what a prior contributes to a covariance."""
 UNTESTED = (
@@ -57,13 +62,23 @@ class Calibration:
     notices: tuple[str, ...] = field(default=())
     """What is worth recording but changes nothing."""
     evidence: tuple[Evidence, ...] = field(default=())
+    interval_95_E: Array | None = None
+    """Half-widths (3,) rad of the 95 % intervals about E's axes, widened by what was found."""
 
     @property
-    def covariance_with_evidence_E(self) -> Array | None:
-        """Covariance (3, 3) rad^2 of the answer widened by what the files tell; None where the method has none."""
-        added = [found.covariance_E for found in self.evidence if found.covariance_E is not None]
-        stated = self.estimate.covariance_E
-        return None if stated is None else np.asarray(stated + np.sum(added, axis=0)) if added else stated
+    def C_EK(self) -> Array:
+        """The mounting (3, 3) to use: the estimate, or the model where the data refute the estimate."""
+        return self.campaign.C_EK if self.status is Status.REFUTED else self.estimate.C_EK
+
+    @property
+    def covariance_E(self) -> Array | None:
+        """Covariance (3, 3) rad^2 of the answer; None where the method has none or the data refute it."""
+        return None if self.status is Status.REFUTED else self.estimate.covariance_E
+
+    @property
+    def sigma_E(self) -> Array | None:
+        """Standard deviations (3,) rad about E's axes; None likewise."""
+        return None if self.status is Status.REFUTED else self.estimate.sigma_E
 
     @property
     def message(self) -> str:
@@ -106,39 +121,101 @@ def calibrate(campaign: Campaign, estimator: Estimator) -> Calibration:
     if estimate.verdict is not None:
         verdict[used] = estimate.verdict
         used = used & (verdict == int(Verdict.USED))
-    usable = Status(int(estimate.status)).usable
+    estimate, own = _answered(estimate)
     unknowns = estimate.unknowns or Unknowns()
     fit = fit_at(unknowns, observations, campaign.C_EK, estimate, used)
-    if usable:
+    if own.usable:
         estimate = recognised(fit, estimate)
-    tested = usable and estimate.unknowns is not None
+    tested = own.usable and estimate.unknowns is not None
     snooping = snoop(fit, estimate) if tested else None
+    traded, left = tuple(combinations(observations, estimate)), residuals(fit, used)
+    images = image_rotations(fit) if tested else None
+    support = Support(campaign, observations, ~campaign.sightings.check, used)
     again = Gls(unknowns.parameters, compiled=unknowns.compiled)
-    status, sentences, notices = _judge(_kept(observations, used), campaign.C_EK, estimate, again)
-    traded = tuple(combinations(observations, estimate))
-    status, sentences = _separated(status, sentences, traded)
-    further = [] if estimate.parameters is None else without_gain(estimate.parameters)
-    if tested and snooping is None:
-        further = [*further, UNTESTED]
-    sentences = (*sentences, *further, *estimate.remarks)
     evidence = _evidence(campaign, observations, estimate, used)
-    if evidence and Status(int(status)).usable:
-        weak = any(found.weakens or found.refuses for found in evidence)
-        status = Status.WEAK if weak else status
-        sentences = (*(found.text for found in evidence), *sentences)
+    found = [
+        *contradictions(support, estimate, left, images),
+        *(Finding(e.text, e.weakens, refutes=e.refuses, covariance_E=e.covariance_E) for e in evidence),
+        *(Finding(c.sentence, c.growth >= UNKNOWN) for c in traded),
+        *_consistent(support, estimate, again, snooping),
+        *(Finding(sentence, False) for sentence in _remarks(estimate, untested=tested and snooping is None)),
+    ]
+    ruined = ruins_alignment(list(traded))
+    status = judged(Status(max(own, Status.SINGULAR)) if ruined else own, found)
     return Calibration(
         campaign=campaign,
         observations=observations,
         estimate=estimate,
-        residuals=residuals(fit, used),
+        residuals=left,
         status=status,
-        sentences=sentences,
+        sentences=said(found) if own.usable else (own.text, *said(found)),
         rejected=() if snooping is None else rejections(fit, snooping, verdict),
         snooping=snooping,
         combinations=traded,
-        notices=notices,
+        notices=tuple(finding.sentence for finding in found if finding.informs),
         evidence=evidence,
+        interval_95_E=_interval(estimate, images, found) if status.usable else None,
     )
+
+
+def _answered(estimate: AlignmentEstimate) -> tuple[AlignmentEstimate, Status]:
+    """The estimate with its own status; an answer that has a rival is judged like any other, by its findings."""
+    own = Status(int(estimate.status))
+    if own is not Status.REFUTED:
+        return estimate, own
+    return replace(estimate, status=np.asarray(int(Status.OK))), Status.OK
+
+
+def contradictions(
+    support: Support, estimate: AlignmentEstimate, left: Residuals, images: ImageRotations | None
+) -> list[Finding]:
+    """What of the data contradicts a usable answer."""
+    if not Status(int(estimate.status)).usable:
+        return []
+    before, after = (Accuracy.of(errors[support.used]) for errors in (left.before_m, left.after_m))
+    out = rejected_images(support) if estimate.verdict is not None else None
+    found = [rival(support, estimate.rival), worse_on_the_ground(before, after), out, disagreement(images)]
+    return [finding for finding in found if finding is not None]
+
+
+def _consistent(
+    support: Support, estimate: AlignmentEstimate, again: Estimator, snooping: Snooping | None
+) -> list[Finding]:
+    """What the consistency checks say, and which part fits worst where chi-square is improbable."""
+    kept = _kept(support.observations, support.used)
+    found = findings(kept, support.campaign.C_EK, estimate, again)
+    if snooping is None or estimate.chi2 is None or estimate.degrees_of_freedom is None:
+        return found
+    if chi2_p(float(estimate.chi2), int(estimate.degrees_of_freedom)) >= IMPROBABLE_P:
+        return found
+    worst = culprit(support.campaign, support.observations, snooping.tested, support.used)
+    weakest = max((finding for finding in found), key=lambda finding: finding.weight, default=None)
+    heavy = weakest is not None and weakest.weight > 0
+    return [*found, Finding(worst, heavy, refutes=heavy and weakest is not None and weakest.refutes)]
+
+
+def _remarks(estimate: AlignmentEstimate, *, untested: bool) -> list[str]:
+    """What should be known of a usable answer and changes nothing."""
+    if not Status(int(estimate.status)).usable:
+        return []
+    gained = [] if estimate.parameters is None else without_gain(estimate.parameters)
+    return [*gained, *([UNTESTED] if untested else []), *estimate.remarks]
+
+
+def _interval(
+    estimate: AlignmentEstimate, images: ImageRotations | None, found: Sequence[Finding]
+) -> Array | None:
+    """Half-widths (3,) rad of the 95 % intervals; None where the method has no covariance."""
+    covariance_E, sigma_E = estimate.covariance_E, estimate.sigma_E
+    if covariance_E is None or sigma_E is None:
+        return None
+    if images is not None:
+        return interval_95(covariance_E, half_widths_95(images, estimate.C_EK, sigma_E), found)
+    factor = 1.0
+    if estimate.chi2 is not None and estimate.degrees_of_freedom is not None:
+        factor = max(1.0, float(estimate.chi2) / max(int(estimate.degrees_of_freedom), 1))
+    implausible = factor > EXACT**2 and any(finding.weakens for finding in found)
+    return interval_95(covariance_E * (factor if implausible else 1.0), None, found)
 
 
 def _evidence(
@@ -157,34 +234,10 @@ def _kept(o: Observations, used: NDArray[np.bool_]) -> Observations:
     return o if np.all(used) else o.select(used)
 
 
-def _separated(
-    status: Status, sentences: tuple[str, ...], traded: tuple[Combination, ...]
-) -> tuple[Status, tuple[str, ...]]:
-    """Status and sentences once it is known which parameters trade against each other."""
-    if ruins_alignment(list(traded)):
-        status = Status(max(status, Status.SINGULAR))
-    elif any(combination.growth >= UNKNOWN for combination in traded):
-        status = Status(max(status, Status.WEAK))
-    return status, (*(combination.sentence for combination in traded), *sentences)
-
-
-def _judge(
-    kept: Observations, C_EK_model: Array, estimate: AlignmentEstimate, again: Estimator
-) -> tuple[Status, tuple[str, ...], tuple[str, ...]]:
-    """Status, sentences and notices of an estimate once the consistency checks have spoken."""
-    own = Status(int(estimate.status))
-    if not own.usable:
-        return own, (own.text,), ()
-    found = findings(kept, C_EK_model, estimate, again)
-    weak = own is Status.WEAK or any(finding.weakens for finding in found)
-    said, recorded = (tuple(f.sentence for f in found if f.informs is informs) for informs in (False, True))
-    return Status.WEAK if weak else Status.OK, said, recorded
-
-
 def shares(calibration: Calibration) -> Mapping[str, Array]:
     """Covariance (3, 3) rad^2 about E by source; empty where the method does not say what a sighting does to it."""
     c = calibration
-    if c.snooping is None or c.estimate.covariance_E is None:
+    if c.snooping is None or c.estimate.covariance_E is None or not c.status.usable:
         return {}
     parts = c.snooping.spread.parts
     if _has_prior(c):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,7 @@ from ..physics import so3
 from ..physics.units import ARCSEC, DEG
 from ..solve.chunks import CHUNK, part, sample, sampled
 from ..table.observations import Observations
+from .trust import Finding
 
 Array = NDArray[np.float64]
 
@@ -26,18 +27,11 @@ DECISIVE = 12.0
 ABSURD = 100.0
 """Chi-square per degree of freedom from which fits are no reason to prefer one setting: residuals ten times what is
 stated."""
+EXACT = 1.02
+"""Residuals over what is stated up to which an implausible chi-square does not weaken: 1e5 sightings show a factor that
+changes nothing."""
 INFORMATIVE = 4.0
 """Rise of chi-square under the opposite setting from which on the data confirm the stated one (odds of 7 to 1)."""
-
-
-@dataclass(frozen=True)
-class Finding:
-    """One sentence about an estimate; ``weakens`` tells whether the estimate is then only weakly to be trusted, and
-    ``informs`` that it changes nothing: it belongs to the notices of the result, not to its message."""
-
-    sentence: str
-    weakens: bool
-    informs: bool = False
 
 
 def chi2_p(chi2: float, degrees_of_freedom: int) -> float:
@@ -112,10 +106,16 @@ def _chi_square(o: Observations, estimate: AlignmentEstimate) -> Finding | None:
     p = chi2_p(chi2, dof)
     factor = np.sqrt(chi2 / dof)
     if p < IMPLAUSIBLE_P:
+        refutes = bool(chi2 > ABSURD * dof)
+        meaning = (
+            "neither the answer nor its sigma can be believed" if refutes else "the interval is widened by it"
+        )
         return Finding(
             f"chi-square {chi2:.1f} for {dof} degrees of freedom is implausible (p = {p:.1e}): the residuals are "
-            f"{factor:.2g} times what the stated sigmas allow, so a sigma is too small or something is wrong",
-            True,
+            f"{factor:.2g} times what the stated sigmas allow, so a sigma is too small or something is wrong"
+            + (f"; {meaning}" if factor > EXACT else ""),
+            bool(factor > EXACT),
+            refutes=refutes,
         )
     if p > 1.0 - IMPLAUSIBLE_P:
         return Finding(

@@ -17,7 +17,8 @@ from .text import length, listed, measured
 
 BADGES: dict[str, tuple[str, Tone]] = {
     "ok": ("ok: the mounting may be used", "good"),
-    "weak": ("weak: usable, with the reservations below", "fair"),
+    "weak": ("weak: usable within the 95 % interval, with the reservations below", "fair"),
+    "refuted": ("refuted: the data contradict the answer, and the mounting must not be used", "bad"),
     "singular": ("singular: the mounting must not be used", "bad"),
     "not_converged": ("not converged: the mounting must not be used", "bad"),
 }

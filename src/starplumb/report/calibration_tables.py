@@ -22,9 +22,13 @@ Document = Mapping[str, Any]
 def alignment(c: Calibration, document: Document) -> tuple[Table, ...]:
     """Correction, sigma and correlations; the truth beside them where it is known."""
     tracker = document["mounting"]["to"]
+    if document["correction_arcsec"] is None:
+        return ()
     rows = [("correction", *(number(x, 6) for x in document["correction_arcsec"]))]
-    sigma, covariance = document["sigma_arcsec"], c.estimate.covariance_E
+    sigma, covariance = document["sigma_arcsec"], c.covariance_E
     rows.append(("sigma", *((NOT_STATED,) * 3 if sigma is None else (number(x, 3) for x in sigma))))
+    if document["interval_95_arcsec"] is not None:
+        rows.append(("95 % interval, ±", *(number(x, 3) for x in document["interval_95_arcsec"])))
     truth = document.get("truth")
     if truth:
         rows.append(("true correction", *(number(x, 6) for x in truth["correction_arcsec"])))

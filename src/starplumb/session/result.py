@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..documents.from_calibration import result_document
+from ..estimators.protocol import Status
 from ..io.campaign.read import LoadedCampaign
 from ..io.results.residual_table import residual_columns, residual_names
 from ..judge.calibrate import Calibration
@@ -54,8 +55,8 @@ class Result(Shown):
 
     @property
     def C_EK(self) -> Array:
-        """The mounting (3, 3), from the camera to the star tracker: ``v_E = C_EK @ v_K``."""
-        return self.calibration.estimate.C_EK
+        """The mounting (3, 3), from the camera to the star tracker: ``v_E = C_EK @ v_K``; the model's if refuted."""
+        return self.calibration.C_EK
 
     @property
     def correction_arcsec(self) -> Array:
@@ -66,20 +67,27 @@ class Result(Shown):
     def sigma_arcsec(self) -> Array | None:
         """The standard deviation (3,) of the mounting's error about x, y, z of the star tracker.
 
-        None where the method states none.
+        None where the method states none, or where the data refute the answer.
         """
-        sigma = self.calibration.estimate.sigma_E
+        sigma = self.calibration.sigma_E
         return None if sigma is None else np.asarray(sigma / ARCSEC)
 
     @property
     def covariance_arcsec2(self) -> Array | None:
-        """The covariance (3, 3) of that error; None where the method states none."""
-        covariance = self.calibration.estimate.covariance_E
+        """The covariance (3, 3) of that error; None likewise."""
+        covariance = self.calibration.covariance_E
         return None if covariance is None else np.asarray(covariance / ARCSEC**2)
 
     @property
+    def interval_95_arcsec(self) -> Array | None:
+        """Half-widths (3,) of the 95 % intervals, widened by all that was found; None likewise."""
+        half = self.calibration.interval_95_E
+        return None if half is None else np.asarray(half / ARCSEC)
+
+    @property
     def status(self) -> str:
-        """``ok``, ``weak`` (usable, see ``message``), ``singular`` or ``not_converged``."""
+        """``ok``, ``weak`` (usable within ``interval_95_arcsec``, see ``message``), ``refuted``, ``singular`` or
+        ``not_converged``."""
         return self.calibration.status.name.lower()
 
     @property
@@ -254,10 +262,13 @@ def _provenance(loaded: LoadedCampaign) -> dict[str, Any]:
 
 def _table(c: Calibration, C_EK_true: Array | None) -> Table:
     """Correction and sigma about the star tracker's axes, the truth beside them where it is known."""
-    sigma = c.estimate.sigma_E
-    rows = [("correction", *_fixed(c.correction_E / ARCSEC))]
-    rows.append(("sigma", *(("not stated",) * 3 if sigma is None else _fixed(sigma / ARCSEC))))
-    if C_EK_true is not None:
+    refuted, sigma, half = c.status is Status.REFUTED, c.sigma_E, c.interval_95_E
+    no_sigma = ("not valid" if refuted else "not stated",) * 3
+    rows = [("correction", *(("not valid",) * 3 if refuted else _fixed(c.correction_E / ARCSEC)))]
+    rows.append(("sigma", *(no_sigma if sigma is None else _fixed(sigma / ARCSEC))))
+    if c.status is Status.WEAK and half is not None:
+        rows.append(("95 % interval, +-", *_fixed(half / ARCSEC)))
+    if C_EK_true is not None and not refuted:
         error = so3.log(c.estimate.C_EK @ C_EK_true.mT)
         rows.append(("known truth", *_fixed(so3.log(C_EK_true @ c.campaign.C_EK.mT) / ARCSEC)))
         rows.append(("error", *_fixed(error / ARCSEC)))

@@ -1,0 +1,202 @@
+"""What is found about an answer decides its status, its message and its interval, and nothing wrong is left to use."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from problems import C_EK_TRUE, FRAME, truth
+from starplumb.estimators.gls import Gls
+from starplumb.estimators.protocol import Rival, Status
+from starplumb.estimators.robust import Robust
+from starplumb.judge import calibrate as judge
+from starplumb.judge.consistency import findings
+from starplumb.judge.contradictions import Support, rejected_images, rival, worse_on_the_ground
+from starplumb.judge.from_data import ImageRotations, disagreement_p, half_widths_95, image_rotations
+from starplumb.judge.residuals import Accuracy
+from starplumb.judge.snooping import fit_at
+from starplumb.judge.trust import Finding, interval_95, judged, said
+from starplumb.physics import so3
+from starplumb.physics.units import ARCSEC
+from starplumb.table.geometry import observe
+from starplumb.table.simulate import Errors, measure
+
+GOOD, WEAKER, REFUTING = Finding("a", False), Finding("b", True), Finding("c", True, refutes=True)
+
+
+@pytest.mark.parametrize(
+    ("own", "found", "status"),
+    [
+        (Status.OK, [], Status.OK),
+        (Status.OK, [GOOD], Status.OK),
+        (Status.WEAK, [GOOD], Status.WEAK),
+        (Status.OK, [GOOD, WEAKER], Status.WEAK),
+        (Status.OK, [WEAKER, REFUTING], Status.REFUTED),
+        (Status.WEAK, [REFUTING], Status.REFUTED),
+        (Status.SINGULAR, [REFUTING], Status.SINGULAR),
+        (Status.NOT_CONVERGED, [WEAKER], Status.NOT_CONVERGED),
+    ],
+)
+def test_the_heaviest_finding_decides(own, found, status):
+    assert judged(own, found) is status
+
+
+def test_a_message_begins_with_what_weighs_most():
+    assert said([GOOD, WEAKER, Finding("n", False, informs=True), REFUTING]) == ("c", "b", "a")
+
+
+def test_an_interval_is_the_larger_one_and_holds_what_was_found():
+    stated = np.diag([1.0, 4.0, 9.0])
+    np.testing.assert_allclose(interval_95(stated, None, []), [1.96, 3.92, 5.88])
+    np.testing.assert_allclose(interval_95(stated, np.array([3.0, 1.0, 6.0]), []), [3.0, 3.92, 6.0])
+    wider = Finding("", True, covariance_E=np.diag([3.0, 0.0, 0.0]))
+    other = Finding("", True, reach_E=np.array([0.0, -10.0, 0.0]))
+    np.testing.assert_allclose(interval_95(stated, None, [wider, other]), [3.92, 13.92, 5.88])
+
+
+def rotations(d_E, sigma):
+    """Images of equal attitude sigma (3,), exact sightings and positions."""
+    m = len(d_E)
+    attitude = np.tile(np.diag(np.square(sigma)), (m, 1, 1))
+    nothing = np.zeros((m, 3, 3))
+    return ImageRotations(d_E, nothing + 1e-12 * np.eye(3), attitude, nothing, 10.0, 10)
+
+
+def test_the_interval_from_data_is_students(rng):
+    """Eight equal images: the textbook's intervals, from 2 x 7 numbers across the boresight and 7 about it."""
+    m, stated = 8, np.array([1.0, 1.0, 2.0])
+    d = rng.normal(0.0, [3.0, 3.0, 5.0], (m, 3))
+    squares = np.sum((d - d.mean(axis=0)) ** 2, axis=0)
+    across, about = (squares[0] + squares[1]) / (2 * (m - 1)), squares[2] / (m - 1)
+    expected = np.array(
+        [np.sqrt(across / m) * stats.t.ppf(0.975, 2 * (m - 1))] * 2
+        + [np.sqrt(about / m) * stats.t.ppf(0.975, m - 1)]
+    )
+    found = half_widths_95(rotations(d, stated), np.eye(3), stated / np.sqrt(m))
+    np.testing.assert_allclose(found, expected, rtol=2e-3)
+
+
+def test_images_disagree_by_chi_square(rng):
+    m, sigma = 6, np.array([1.0, 1.0, 2.0])
+    d = rng.normal(0.0, sigma, (m, 3))
+    d[0, 1] += 6.0
+    squares = np.sum((d - d.mean(axis=0)) ** 2, axis=0) / sigma**2
+    expected = 3.0 * np.min(stats.chi2.sf(squares, m - 1))
+    assert disagreement_p(rotations(d, sigma)) == pytest.approx(expected, rel=1e-6)
+
+
+def test_what_an_image_says_alone_is_least_squares_of_its_sightings(rng):
+    """Against the answer from that image with exact attitude and position."""
+    o = observe(truth(FRAME, 3, 9))
+    table = measure(o, C_EK_TRUE, Errors.draw(o, rng))
+    whole = Gls()(table, C_EK_TRUE)
+    fit = fit_at(whole.unknowns, table, C_EK_TRUE, whole, np.ones(table.n, dtype=bool))
+    images = image_rotations(fit)
+    for i in range(3):
+        exact = replace(
+            table,
+            weight=(table.image == i).astype(np.float64),
+            cov_attitude_E=np.zeros((3, 3, 3)),
+            cov_position_J=np.zeros((3, 3, 3)),
+        )
+        alone = Gls()(exact, C_EK_TRUE)
+        np.testing.assert_allclose(images.d_E[i], so3.log(alone.C_EK @ whole.C_EK.mT), rtol=2e-3, atol=1e-9)
+        np.testing.assert_allclose(images.sightings_E[i], alone.covariance_E, rtol=2e-3, atol=1e-16)
+    assert images.degrees == 2 * 27 - 9
+
+
+@pytest.mark.parametrize(
+    ("factor", "weakens", "refutes"), [(1.01, 0, 0), (1.03, 1, 0), (9.9, 1, 0), (10.1, 1, 1)]
+)
+def test_residuals_weaken_from_two_percent_and_refute_from_ten_times(factor, weakens, refutes):
+    """At 4e5 degrees of freedom 1 % is implausible too."""
+    o = observe(truth(FRAME, 8, 8, tilt_deg=20.0, yaw_deg=180.0))
+    dof = 400_000
+    estimate = replace(Gls()(o, C_EK_TRUE), chi2=np.array(factor**2 * dof), degrees_of_freedom=np.array(dof))
+    said = [f for f in findings(o, C_EK_TRUE, estimate, Gls()) if "implausible" in f.sentence]
+    assert [(f.weakens, f.refutes) for f in said] == [(weakens, refutes)]
+
+
+@pytest.mark.parametrize(("after", "refutes"), [(1.49, False), (1.51, True)])
+def test_an_answer_that_locates_worse_than_none_is_refuted(after, refutes):
+    found = worse_on_the_ground(Accuracy(2.0, 0.0, 5), Accuracy(2.0 * after, 0.0, 5))
+    assert (found is not None and found.refutes) == refutes
+
+
+def support(images=20, out=()):
+    campaign = truth(FRAME, images, 4)
+    o = observe(campaign)
+    offered = np.ones(o.n, dtype=bool)
+    return Support(campaign, o, offered, offered & ~np.isin(o.image, out))
+
+
+@pytest.mark.parametrize(
+    ("ratio", "weight"),
+    [(0.14, None), (0.16, 1), (0.79, 1), (0.81, 2)],
+    ids=["none", "weak", "still", "even"],
+)
+def test_a_rival_weakens_and_as_strong_a_one_refutes(ratio, weight):
+    turn = np.array([0.0, 3e-4, 0.0])
+    found = rival(support(out=(7,)), Rival(np.asarray(ratio), turn, np.asarray(1)))
+    assert (None if found is None else found.weight) == weight
+    if weight == 1:
+        np.testing.assert_array_equal(found.reach_E, turn)
+        assert support().campaign.images.ids[7] in found.sentence
+
+
+def test_more_than_a_tenth_of_the_images_rejected_is_weak():
+    assert rejected_images(support(out=(3, 4))) is None
+    found = rejected_images(support(out=(3, 4, 11)))
+    assert found.weight == 1
+    assert all(support().campaign.images.ids[i] in found.sentence for i in (3, 4, 11))
+
+
+def calibrated(monkeypatch, campaign, table, estimator):
+    """The judgement of drawn measurements of a campaign, whose files say nothing."""
+    monkeypatch.setattr(judge, "observe", lambda _: table)
+    monkeypatch.setattr(judge, "_evidence", lambda *_: ())
+    return judge.calibrate(campaign, estimator)
+
+
+def test_half_of_the_images_turned_alike_refute_the_answer(monkeypatch, rng):
+    campaign = truth(FRAME, 8, 10)
+    o = observe(campaign)
+    table = measure(o, C_EK_TRUE, Errors.draw(o, rng))
+    turn = so3.exp(np.array([300.0, 0.0, 0.0]) * ARCSEC)
+    table = table.with_geometry(C_EJ=np.where((o.image < 4)[:, None, None], turn @ table.C_EJ, table.C_EJ))
+    found = calibrated(monkeypatch, campaign, table, Robust())
+    assert found.status is Status.REFUTED
+    assert found.sentences[0].startswith("rejected sightings in 4 images agree on another answer")
+    assert np.linalg.norm(found.estimate.rival.turn_E) == pytest.approx(300.0 * ARCSEC, abs=20.0 * ARCSEC)
+    assert found.sigma_E is None
+    assert found.covariance_E is None
+    assert found.interval_95_E is None
+    np.testing.assert_array_equal(found.C_EK, campaign.C_EK)
+    assert len(found.rejected) >= 40
+
+
+def test_attitude_stated_three_times_too_small_widens_the_interval(monkeypatch, rng):
+    campaign = truth(FRAME, 20, 10)
+    o = observe(campaign)
+    table = measure(o, C_EK_TRUE, Errors.draw(o, rng))
+    table = replace(table, cov_attitude_E=table.cov_attitude_E / 9.0)
+    found = calibrated(monkeypatch, campaign, table, Gls())
+    assert found.status is Status.WEAK
+    assert "the images disagree" in found.message
+    assert np.all(found.interval_95_E[:2] > 1.5 * 1.96 * found.sigma_E[:2])
+
+
+@pytest.mark.slow
+def test_good_campaigns_are_left_ok(monkeypatch, rng):
+    """Sixty: at most one in a hundred may be weak, so at most three here (one in 30 000 by chance)."""
+    campaign = truth(FRAME, 8, 12)
+    o = observe(campaign)
+    status = [
+        calibrated(monkeypatch, campaign, measure(o, C_EK_TRUE, Errors.draw(o, rng)), Robust()).status
+        for _ in range(60)
+    ]
+    assert status.count(Status.OK) >= 57
+    assert Status.REFUTED not in status
