@@ -44,7 +44,10 @@ def kinds(done):
 def held(done, C_EK_true, factor=1.0):
     """Whether the error lies within some half-widths of the widened 95 % intervals about E's axes."""
     error = so3.log(done.estimate.C_EK @ C_EK_true.mT)
-    width = 1.96 * np.sqrt(np.diagonal(done.covariance_with_evidence_E))
+    added = [found.covariance_E for found in done.evidence if found.covariance_E is not None]
+    width = 1.96 * np.sqrt(np.diagonal(np.sum([done.estimate.covariance_E, *added], axis=0)))
+    if done.status.usable:  # nothing else that was found makes it narrower
+        assert np.all(done.interval_95_E >= 0.999 * width)
     return bool(np.all(np.abs(error) <= factor * width))
 
 
