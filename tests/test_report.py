@@ -545,7 +545,7 @@ def test_the_table_of_the_correction_by_hand():
     ]
     c.status = Status.SINGULAR
     assert len(tables.alignment(c, document)) == 1
-    c.status, c.estimate.covariance_E = Status.OK, None
+    c.status, c.covariance_E = Status.OK, None
     (without,) = tables.alignment(c, document | {"sigma_arcsec": None})
     assert without.rows[1] == ("sigma", *["not stated"] * 3)
 
