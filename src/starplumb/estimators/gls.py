@@ -54,7 +54,7 @@ class Gls:
     """
 
     parameters: tuple[Parameter, ...] = ()
-    tolerance: float = 1e-5
+    tolerance: float = 1e-3
     """Error left in units of the estimate's own sigma at which to stop, as judged by how fast the steps shrink."""
     max_iterations: int = 20
     compiled: bool = False
