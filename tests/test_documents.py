@@ -120,6 +120,14 @@ C = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
         ("covariance_arcsec2", [[float("nan"), 0.0, 0.0], *C[1:]], "covariance_arcsec2.0.0: found nan"),
         ("covariance_arcsec2", [[None, 0.0, 0.0], *C[1:]], "found null in a usable result"),
         ("sigma_arcsec", "small", "sigma_arcsec"),
+        (
+            "sigma_arcsec",
+            [1.0, 1.0, 1.0],
+            "found other sigmas than the roots of covariance_arcsec2's diagonal",
+        ),
+        ("mounting.quaternion_xyzw", [0.0, 0.0, 0.0, 1.0], "found a matrix and a quaternion_xyzw that are "),
+        ("mounting.quaternion_xyzw", [0.0, 0.0, 0.0, 1.1], "found the norm 1.1, which is not 1"),
+        ("mounting.quaternion_xyzw", [0.0, 0.0, 1.0], "mounting.quaternion_xyzw"),
         ("mounting", None, "mounting"),
     ],
 )

@@ -322,6 +322,54 @@ def test_a_campaign_is_built_from_tables(kind, tmp_path):
     np.testing.assert_allclose(here.covariance_arcsec2, there.covariance_arcsec2, rtol=1e-12)
 
 
+def test_a_key_of_none_is_a_key_left_out():
+    document = tomllib.loads((PACKAGE / "scenarios" / "two-images.toml").read_text(encoding="utf-8"))
+    document["camera"]["distortion"] = None
+    assert sp.scenario(document).data.digest == sp.scenario("two-images").data.digest
+    document["camera"]["focal_length_mm"] = None
+    with pytest.raises(sp.InputError, match=r"camera.focal_length_mm: missing"):
+        sp.scenario(document)
+
+
+@pytest.mark.parametrize(
+    ("section", "key", "words"),
+    [
+        ("camera", "focal_length_mm", "camera.focal_length_mm: missing"),
+        ("mounting", "quaternion_xyzw", r"mounting\.quaternion_xyzw: missing"),
+        ("attitude", None, "attitude"),
+        ("observations", None, "observations"),
+    ],
+)
+def test_settings_of_none_are_refused_as_missing(section, key, words):
+    settings = {name: dict(part) for name, part in SETTINGS.items()}
+    if key is None:
+        settings[section] = None
+    else:
+        settings[section][key] = None
+    with pytest.raises(sp.InputError, match=words):
+        sp.Campaign.from_tables(settings)
+
+
+@pytest.mark.parametrize("settings", [None, [], 3])
+def test_settings_of_another_type_are_refused(settings):
+    with pytest.raises(
+        sp.InputError, match=r"^settings: found .*wanted the path of campaign.toml or its keys"
+    ):
+        sp.Campaign.from_tables(settings)
+
+
+@pytest.mark.parametrize("trials", [0, -1])
+def test_a_study_of_no_trials_is_refused(trials):
+    with pytest.raises(sp.InputError, match=f"^trials: found {trials}, wanted a whole number of at least 1"):
+        sp.simulate(sp.scenario("two-images"), trials=trials)
+
+
+@pytest.mark.parametrize("target", [0.0, -1.0, float("nan"), float("inf")])
+def test_a_budget_for_no_sigma_is_refused(target):
+    with pytest.raises(sp.InputError, match=r"^target_arcsec: found .*, wanted a positive number"):
+        sp.budget(sp.scenario("two-images"), target_arcsec=target)
+
+
 def test_a_wrong_cell_of_a_frame_is_named(tmp_path):
     path = write_good_campaign(tmp_path)
     images = columns_of(FILES["images.csv"])

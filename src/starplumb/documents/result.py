@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from pydantic import AfterValidator, Field, model_validator
 
 from ..estimators.protocol import Status
+from ..physics import so3
 from ..physics.units import ARCSEC
 from .document import Document, Matrix3, MatrixOrNulls3, Number, Numbers3, Part
 
@@ -16,6 +17,8 @@ ROTATION = 1e-6
 """A matrix farther from a rotation than this is refused."""
 ROUNDING = 1e-9
 """Part of its largest entry by which a covariance may fail to be symmetric or positive."""
+DIGITS = 0.01
+"""Part by which sigmas may differ from those of their covariance: both may be rounded, not contradict."""
 
 
 class Mounting(Part):
@@ -24,7 +27,7 @@ class Mounting(Part):
     from_: str = Field(alias="from")
     to: str
     matrix: Matrix3
-    quaternion_xyzw: list[float] | None = None
+    quaternion_xyzw: Annotated[list[float], Field(min_length=4, max_length=4)] | None = None
 
 
 class Fit(Part):
@@ -167,8 +170,11 @@ class ResultDocument(Document):
         """A usable result has a rotation and, if it states a covariance, one that is possible."""
         if self.usable:
             _require_rotation(self.C_EK)
+            _require_one_mounting(self.C_EK, self.mounting.quaternion_xyzw)
             if self.covariance_arcsec2 is not None:
-                _require_covariance(np.array(self.covariance_arcsec2, dtype=np.float64))
+                P = np.array(self.covariance_arcsec2, dtype=np.float64)
+                _require_covariance(P)
+                _require_one_sigma(P, self.sigma_arcsec)
         return self
 
     @property
@@ -194,6 +200,29 @@ def _require_rotation(C: NDArray[np.float64]) -> None:
         raise ValueError(f"mounting.matrix: found a matrix that is no rotation (C C^T is off by {off:.1g})")
     if np.linalg.det(C) < 0.0:
         raise ValueError("mounting.matrix: found a reflection (determinant -1) where a rotation must be")
+
+
+def _require_one_mounting(C: NDArray[np.float64], q_xyzw: list[float] | None) -> None:
+    """One rotation is stated twice: an edit of one alone leaves nobody knowing which to believe."""
+    if q_xyzw is None:
+        return
+    if not abs(np.linalg.norm(q_xyzw) - 1.0) <= ROTATION:
+        raise ValueError(
+            f"mounting.quaternion_xyzw: found the norm {np.linalg.norm(q_xyzw):.6g}, which is not 1"
+        )
+    angle = float(np.linalg.norm(so3.log(C @ so3.from_quaternion(q_xyzw).mT)))
+    if angle > 2.0 * ROTATION:
+        raise ValueError(
+            f"mounting: found a matrix and a quaternion_xyzw that are {angle / ARCSEC:.3g} arcsec apart"
+        )
+
+
+def _require_one_sigma(P: NDArray[np.float64], sigma: Numbers3 | None) -> None:
+    if sigma is None:
+        return
+    stated = np.array(sigma, dtype=np.float64)
+    if not np.allclose(stated, np.sqrt(np.abs(np.diagonal(P))), rtol=DIGITS, atol=0.0):
+        raise ValueError("sigma_arcsec: found other sigmas than the roots of covariance_arcsec2's diagonal")
 
 
 def _require_covariance(P: NDArray[np.float64]) -> None:

@@ -7,6 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from ..physics.errors import ArgumentError
 from ..physics.units import ARCSEC
 from ..report.page import Table
 from ..study.budget_document import document
@@ -82,6 +85,8 @@ def budget(
 
     With ``target_arcsec``, the wanted sigma about each axis, also what each source must shrink to.
     """
+    if target_arcsec is not None and not 0.0 < target_arcsec < np.inf:
+        raise ArgumentError("target_arcsec", f"found {target_arcsec:g}, wanted a positive number")
     target = None if target_arcsec is None else target_arcsec * ARCSEC
     return Budget(document(scenario.data, estimators_of(methods), target))
 

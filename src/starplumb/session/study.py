@@ -159,7 +159,11 @@ def simulate(
 def _number_of_trials(trials: int | None, precision: float | None) -> int:
     if trials is not None and precision is not None:
         raise ArgumentError("precision", "found beside trials, wanted only one of the two")
-    return trials if trials is not None else trials_for(PRECISION if precision is None else precision)
+    if trials is None:
+        return trials_for(PRECISION if precision is None else precision)
+    if trials < 1:
+        raise ArgumentError("trials", f"found {trials}, wanted a whole number of at least 1")
+    return trials
 
 
 def _checked_seed(seed: int) -> int:

@@ -9,12 +9,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from ...physics.errors import InputError
 from ..tables.read import Frame, TableSource
 from ..text.files import fingerprint, nearest, show
-from ..text.toml import read_toml
+from ..text.toml import plain, read_toml
 from ..text.values import InMemory
 
 TABLES = ("ephemeris", "attitude", "landmarks", "images", "observations", "detections", "look_angles")
@@ -42,28 +40,21 @@ def read_settings(settings: Path | Mapping[str, Any], tables: Mapping[str, objec
     Raises InputError for a file that cannot be read, and for a table of an unknown name or kind.
     """
     if isinstance(settings, Mapping):
-        document = _plain(settings)
+        document = plain(settings)
         text = json.dumps(document, sort_keys=True, default=str)
         digest = {"settings": "sha256:" + hashlib.sha256(text.encode()).hexdigest()}
         read = Settings("settings", document, Path(), digest, {})
     else:
+        if not isinstance(settings, Path):
+            raise InputError(
+                f"settings: found {show(settings)}, wanted the path of campaign.toml or its keys as a dictionary"
+            )
         digest = {"campaign.toml": fingerprint(settings)} if settings.is_file() else {}
         read = Settings(str(settings), read_toml(settings), settings.parent, digest, {})
     for name, data in (tables or {}).items():
         if data is not None:
             _take(read, name, data)
     return read
-
-
-def _plain(value: Any) -> Any:
-    """A dictionary as TOML would give it: arrays of NumPy as lists, paths as text."""
-    if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    if isinstance(value, np.ndarray | np.generic):
-        return value.tolist()
-    return str(value) if isinstance(value, Path) else value
 
 
 def _take(read: Settings, name: str, data: object) -> None:

@@ -30,7 +30,7 @@ from ..campaign.attitude import model_mounting
 from ..campaign.camera import read_camera
 from ..campaign.config import EphemerisConfig
 from ..text.files import nearest
-from ..text.toml import check, read_toml
+from ..text.toml import check, plain, read_toml
 from .config import MarkersConfig, OrbitConfig, ScenarioConfig
 from .errors import error_sources
 
@@ -82,17 +82,6 @@ def load_scenario(source: Mapping[str, Any] | Path | str, folder: Path | None = 
         named = (config.orbit.file, config.camera.look_angles, config.markers.file)
         says_file = str(error).startswith(tuple(str(folder / file) for file in named if file is not None))
         raise error if says_file else InputError(f"{name}: {error}") from None
-
-
-def plain(value: Any) -> Any:
-    """The value as TOML knows it: dictionaries, lists, and Python's own numbers and strings."""
-    if isinstance(value, Mapping):
-        return {str(key): plain(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray | np.generic):
-        return plain(value.tolist())
-    if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
-    return str(value) if isinstance(value, Path) else value
 
 
 def build(config: ScenarioConfig, folder: Path) -> Scenario:

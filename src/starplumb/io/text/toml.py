@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
+import numpy as np
 from pydantic import ValidationError
 
 from ...physics.errors import InputError
@@ -34,6 +35,20 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise InputError(
             f"{path}, line {line}, column {column}: found text that is not TOML ({reason}), wanted valid TOML"
         ) from None
+
+
+def plain(value: Any) -> Any:
+    """A dictionary as TOML would give it: NumPy arrays and tuples as lists, paths as text, keys of None left out.
+
+    TOML knows no null: a key whose value is None is one that the file would not have.
+    """
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items() if item is not None}
+    if isinstance(value, np.ndarray | np.generic):
+        return plain(value.tolist())
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    return str(value) if isinstance(value, Path) else value
 
 
 def check(document: Mapping[str, Any], model: type[_SectionT], name: Path | str) -> _SectionT:
