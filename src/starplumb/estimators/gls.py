@@ -24,9 +24,11 @@ SAMPLE_TOLERANCE = 0.02
 FIRST_RATE = 0.5
 """Rate at which the first step is taken to shrink, as it has nothing to be compared with."""
 SLOWEST = 0.2
-"""Rate of steps longer than a sigma from which they settle on no fit.  They shrink by what the residuals bend the
+"""Rate of long steps from which they settle on no fit.  They shrink by what the residuals bend the
 normal equations: 1e-5 in sound campaigns, 0.3 where one image of six is half a turn off.  The covariance is wrong by as
 much.  Shorter steps may be slow: along what the data hardly separate they are."""
+LONG = 10.0
+"""Length of a long step, in sigmas: a parameter started far off moves by a few while the model bends."""
 
 
 @dataclass(frozen=True)
@@ -99,7 +101,7 @@ class Gls:
             iterations += ~settled
             length = step_length(solution, 3 + state.values.shape[-1])
             q = np.where(np.isnan(before), FIRST_RATE, length / np.maximum(before, 1e-300))
-            fits = fits & (settled | np.isnan(before) | (length < 1.0) | (q < SLOWEST))
+            fits = fits & (settled | np.isnan(before) | (length < LONG) | (q < SLOWEST))
             settled, before = settled | ((q < 1.0) & (length * q < self.tolerance * (1.0 - q))), length
             if np.all(settled):
                 break

@@ -2,9 +2,9 @@
 
 The step of a column is the largest power of ten of which all its values are multiples.  A number rounded to it is off
 by a uniform error of standard deviation ``step / sqrt(12)``; a time that was cut rather than rounded is late by half a
-step besides, the same for all images.  Numbers
-may be round by design (images at whole seconds, samples on a grid, a fixed attitude), so that the residuals have the
-last word: where they speak 10 to 1 against errors of that size, nothing is said.
+step besides, the same for all images.  Numbers may be round by design (images at whole seconds, samples on a grid, a
+fixed attitude), so that the residuals have the last word: where they speak 10 to 1 against errors of that size, nothing
+is said.
 """
 
 from __future__ import annotations
@@ -88,9 +88,9 @@ def _clocks(campaign: Campaign, o: Observations) -> Iterator[tuple[str, str, flo
 
 
 def _step(t_ns: Epochs) -> float:
-    """Step of epochs, s; 0 where they are exact by design."""
+    """Step of epochs, s; 0 where they are exact by design.  One epoch alone may be round by chance or by design."""
     step = time_step(t_ns)
-    return 0.0 if is_grid(t_ns, step) else step
+    return 0.0 if t_ns.size < 2 or is_grid(t_ns, step) else step
 
 
 def _seconds(step: float) -> str:
