@@ -40,8 +40,7 @@ class Robust:
        error of an image moves all of its residuals alike and is many pixels, the difference of two is not.  Of several,
        the one on which the images agree (:mod:`starplumb.estimators.agreement`).
     3. Data snooping (:mod:`starplumb.solve.reliability`): the worst sighting of each image, the worst image or the
-    worst
-       landmark leaves while its statistic exceeds the critical value, and whatever fits comes back.
+       worst landmark leaves while its statistic exceeds the critical value, and whatever fits comes back.
     4. An image, or a landmark, that is out though its own sightings agree with one another is wrong as a whole.
 
     A good sighting is rejected with probability ``alpha`` (1e-3 is Baarda's choice), a good image or landmark with
