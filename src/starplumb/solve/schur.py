@@ -143,9 +143,10 @@ def _from_the_far_end(pairs: Pairs, m: int, q: int) -> Index:
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import connected_components, dijkstra
 
+    # 32 bit: the oldest SciPy that we allow searches graphs with no other indices
     ends = (
-        np.concatenate([pairs.image, pairs.landmark + m]),
-        np.concatenate([pairs.landmark + m, pairs.image]),
+        np.concatenate([pairs.image, pairs.landmark + m]).astype(np.int32),
+        np.concatenate([pairs.landmark + m, pairs.image]).astype(np.int32),
     )
     graph = csr_array((np.ones(2 * pairs.image.size), ends), shape=(m + q, m + q))
     part, distance = connected_components(graph, directed=False)[1], np.zeros(m + q)
@@ -153,7 +154,7 @@ def _from_the_far_end(pairs: Pairs, m: int, q: int) -> Index:
         3
     ):  # the farthest node from anywhere, the farthest from there, and the distances from that
         farthest = np.lexsort((-distance, part))
-        starts = farthest[np.flatnonzero(np.diff(part[farthest], prepend=-1))]
+        starts = farthest[np.flatnonzero(np.diff(part[farthest], prepend=-1))].astype(np.int32)
         distance = dijkstra(graph, indices=starts, unweighted=True, min_only=True)
     return np.lexsort((distance, part))
 
