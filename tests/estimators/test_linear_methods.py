@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from harness import ONE_STEP, scene, still
-from test_signs import table
 
+from by_hand import by_hand
 from problems import C_EK_TRUE, FRAME, LINE, truth
 from starplumb.estimators.gls import Gls
 from starplumb.estimators.published.ground_plane import GroundPlane
@@ -156,7 +156,7 @@ def test_the_misprint_of_21_loses_the_angle_about_the_boresight():
     angles = np.arange(8) * np.pi / 4
     ring = 0.015 * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
     s = np.concatenate([ring, np.ones((8, 1))], axis=-1)
-    few = table()
+    few = by_hand()
     around = replace(
         few.select(np.arange(8) % few.n),
         xy_K=ring,

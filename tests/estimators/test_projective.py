@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from harness import scene, still
-from test_signs import H, R, table
 
+from by_hand import H, R, by_hand
 from problems import C_EK_TRUE, FRAME, SIGMAS, truth
 from starplumb.estimators.protocol import Status
 from starplumb.estimators.published.projective import Projective
@@ -25,7 +25,7 @@ def test_position_by_hand():
     The markers lie on the plane x = R of J, whose normal is the vertical at the point below the camera; the level frame
     stands at their mean, 1 km off, so heights of centimetres are removed with the (wrong) orbit: a millimetre.
     """
-    o = table()
+    o = by_hand()
     wrong = replace(o, r_J=o.r_J + np.array([40.0, 300.0, -200.0]))
     # the geometry as the wrong orbit has it
     u = wrong.p_J - wrong.r_J
