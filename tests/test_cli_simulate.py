@@ -60,7 +60,7 @@ def test_precision_chooses_the_trials():
         (["--trials", "10", "--precision", "0.1"], "precision: found beside trials"),
         (["--trials", "10", "--methods", "glss"], "did you mean gls"),
         (["--trials", "10", "--methods", ","], "methods: found none"),
-        (["--trials", "10", "--samples", "csv", "--out", "x"], "--samples: found 'csv'"),
+        (["--trials", "10", "--samples", "csv", "--out", "x"], "samples: found 'csv'"),
         (["--trials", "10", "--samples", "netcdf", "--out", "x"], "no longer written, wanted parquet"),
         (["--trials", "10", "--seed", str(2**64)], "seed: found"),
     ],

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import IntEnum
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -173,6 +173,7 @@ def without_prior(observations: Observations, *notes: str) -> tuple[str, ...]:
     return notes if observations.prior_E is None else (*notes, IGNORES_PRIOR)
 
 
+@runtime_checkable
 class Estimator(Protocol):
     """A frozen set of options; calling it is pure.  ``C_EK`` is the model mounting (..., 3, 3)."""
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from .. import __version__
-from ..physics.errors import InputError
+from ..physics.errors import ArgumentError, InputError
 from .comparison import Comparison
 from .lebedev2012 import sensitivity, totals
 from .lebedev_images import images_max, images_sigma
@@ -54,8 +54,8 @@ def reproduce(names: Iterable[str], trials: int, seed: int) -> Iterator[Comparis
     if unknown:
         raise InputError(f"reproduce: found the table {unknown[0]!r}, wanted one of {', '.join(TABLES)}")
     if trials < MIN_TRIALS:
-        raise InputError(
-            f"--trials: found {trials}, wanted {MIN_TRIALS} or more (they come in series of 100)"
+        raise ArgumentError(
+            "trials", f"found {trials}, wanted {MIN_TRIALS} or more (they come in series of 100)"
         )
     for name in wanted:
         yield TABLES[name](trials, np.random.default_rng([seed, list(NAMES).index(name)]))

@@ -7,13 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from ..physics.errors import ArgumentError
 from ..physics.units import ARCSEC
 from ..report.page import Table
 from ..study.budget_document import document
-from .calibration import estimators_of
+from .arguments import Folder, Positive, checked
+from .calibration import estimators_of, method_of
 from .frames import Frame
 from .scenario import Scenario
 from .show import Shown
@@ -51,14 +49,16 @@ class Budget(Shown):
         """A row for each method and component of a source, as a pandas data frame."""
         return self.frame.to_frame()
 
+    @checked
     def plot(self, method: str | None = None) -> Figure:
         """What each source alone contributes to the error of a method, by default the first."""
         from ..report.budget import contributions
 
-        name = method or next(iter(self.document["methods"]))
+        name = method_of(self.document, method)
         return contributions(name, self.document["methods"][name]["sources"]).drawing
 
-    def save(self, folder: str | Path) -> None:
+    @checked
+    def save(self, folder: Folder) -> None:
         """Write ``budget.json`` and ``report.html``."""
         from ..io.text.write import json_text, publish
         from ..report.budget import budget_page
@@ -78,15 +78,14 @@ class Budget(Shown):
         return list(_sentences(self.document))
 
 
+@checked
 def budget(
-    scenario: Scenario, methods: Sequence[str] | str = "gls", target_arcsec: float | None = None
+    scenario: Scenario, methods: Sequence[str] | str = "gls", target_arcsec: Positive | None = None
 ) -> Budget:
     """Split the error of the alignment by its sources.
 
     With ``target_arcsec``, the wanted sigma about each axis, also what each source must shrink to.
     """
-    if target_arcsec is not None and not 0.0 < target_arcsec < np.inf:
-        raise ArgumentError("target_arcsec", f"found {target_arcsec:g}, wanted a positive number")
     target = None if target_arcsec is None else target_arcsec * ARCSEC
     return Budget(document(scenario.data, estimators_of(methods), target))
 

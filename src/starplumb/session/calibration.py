@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated, Any
 
 from ..estimators import METHODS
 from ..estimators.protocol import Estimator
@@ -14,6 +14,7 @@ from ..judge.calibrate import calibrate as run
 from ..physics.errors import AlignmentFailed, ArgumentError
 from ..physics.units import DEG
 from ..table.campaign import Campaign as Physics
+from .arguments import Folder, Wanted, checked
 from .campaign import Campaign
 from .result import RESULT_FILES, Result
 
@@ -23,6 +24,14 @@ if TYPE_CHECKING:
 WITH_PARAMETERS = ("gls", "robust")
 """Methods that can estimate further parameters beside the alignment."""
 
+Method = Annotated[
+    str | Estimator,
+    Wanted("the name of a method or an estimator", lambda value: not isinstance(value, type)),
+]
+Reach = Annotated[
+    float, Wanted("the largest error of the mounting, 0 to 10", lambda value: 0.0 < value <= 10.0)
+]
+
 
 class NotIdentified(AlignmentFailed):
     """The detections of a campaign could not be matched with its landmarks; ``save`` writes what was tried."""
@@ -31,7 +40,8 @@ class NotIdentified(AlignmentFailed):
         super().__init__(f"{campaign.source}: {labels.refusal}")
         self.campaign, self.labels, self.method = campaign, labels, method
 
-    def save(self, folder: str | Path) -> None:
+    @checked
+    def save(self, folder: Folder) -> None:
         """Write ``result.json`` without an answer, and the tables of the detections; an older result is removed."""
         from ..documents.from_calibration import unmatched_document
         from ..io.results.labels import label_files
@@ -51,11 +61,12 @@ class Identified:
     labels: Labels | None
 
 
+@checked
 def calibrate(
     campaign: Campaign,
     estimate: Sequence[str] | str = (),
-    method: str | Estimator = "gls",
-    reach_deg: float = 2.0,
+    method: Method = "gls",
+    reach_deg: Reach = 2.0,
 ) -> Result:
     """Estimate the mounting of a campaign and judge the answer.
 
@@ -116,6 +127,14 @@ def estimators_of(methods: Sequence[str] | str) -> Mapping[str, Estimator]:
     return {name: METHODS[name]() for name in names}
 
 
+def method_of(document: Mapping[str, Any], method: str | None) -> str:
+    """A method of a document of several, by default the first.  Raises ArgumentError for another."""
+    names = list(document["methods"])
+    if method is not None and method not in names:
+        raise ArgumentError("method", f"found {method!r}, wanted one of {', '.join(names)}")
+    return names[0] if method is None else method
+
+
 def _hint(name: str) -> str:
     near = nearest(name, METHODS)
     return f" (did you mean {near}?)" if near else ""
@@ -128,10 +147,6 @@ def identify(campaign: Campaign, reach_deg: float) -> Identified:
     loaded = campaign.loaded
     if loaded.detections is None:
         return Identified(campaign, None)
-    if not 0.0 < reach_deg <= 10.0:
-        raise ArgumentError(
-            "reach_deg", f"found {reach_deg:g}, wanted the largest error of the mounting, 0 to 10"
-        )
     labels = label(loaded.campaign, loaded.detections, reach_deg * DEG)
     seen = replace(loaded.campaign, sightings=labels.sightings(loaded.detections))
     return Identified(replace(campaign, loaded=replace(loaded, campaign=seen)), labels)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,9 +13,13 @@ from numpy.typing import NDArray
 from ..io.campaign.read import LoadedCampaign, load_campaign
 from ..physics.errors import InputError
 from ..table.campaign import Campaign as Physics
+from .arguments import Count, Seed, Wanted, checked
 from .show import Shown
 
 Array = NDArray[np.float64]
+Settings = Annotated[
+    Mapping[str, Any] | str | Path, Wanted("the path of campaign.toml or its keys as a dictionary")
+]
 
 
 @dataclass(frozen=True, repr=False)
@@ -25,10 +29,13 @@ class Campaign(Shown):
     ``loaded`` holds the physics and what it was read from.
     """
 
+    made_by: ClassVar[str] = "read_campaign"
+
     loaded: LoadedCampaign
     source: str
 
     @classmethod
+    @checked
     def read(cls, path: str | Path) -> Campaign:
         """The campaign of a ``campaign.toml`` and the files that it names.
 
@@ -37,7 +44,8 @@ class Campaign(Shown):
         return cls(load_campaign(Path(path), with_detections=True), str(path))
 
     @classmethod
-    def from_tables(cls, settings: Mapping[str, Any] | str | Path, **tables: object) -> Campaign:
+    @checked
+    def from_tables(cls, settings: Settings, **tables: object) -> Campaign:
         """A campaign of settings and tables, with the same checks and sentences as one of files.
 
         ``settings`` are the keys of ``campaign.toml`` as a dictionary, or its path.  ``tables`` are paths or data
@@ -106,12 +114,14 @@ class Campaign(Shown):
         )
 
 
+@checked
 def read_campaign(path: str | Path) -> Campaign:
     """The campaign of a ``campaign.toml``; as :meth:`Campaign.read`."""
     return Campaign.read(path)
 
 
-def demo(camera: Literal["frame", "line-scan"] = "frame", images: int = 8, seed: int = 1) -> Campaign:
+@checked
+def demo(camera: Literal["frame", "line-scan"] = "frame", images: Count = 8, seed: Seed = 1) -> Campaign:
     """The example of ``starplumb init``: simulated data whose true mounting is known."""
     from tempfile import TemporaryDirectory
 

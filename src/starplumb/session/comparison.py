@@ -17,6 +17,7 @@ from ..physics import so3
 from ..physics.errors import AlignmentFailed
 from ..physics.units import ARCSEC
 from ..report.page import Table
+from .arguments import Folder, checked
 from .campaign import Campaign
 from .frames import Frame
 from .show import Shown
@@ -52,7 +53,8 @@ class Comparison(Shown):
         if not gls.status.usable:
             raise AlignmentFailed(f"{self.campaign.source}: {gls.status.text}")
 
-    def save(self, folder: str | Path) -> None:
+    @checked
+    def save(self, folder: Folder) -> None:
         """Write ``compare.json``."""
         from ..io.text.write import json_text, write_text
 
@@ -87,6 +89,7 @@ class Comparison(Shown):
         return tuple(f"{a.method}: {'; '.join(a.remarks)}" for a in self.answers if a.remarks)
 
 
+@checked
 def compare(campaign: Campaign, watch: Watch = lambda found, _total: found) -> Comparison:
     """All methods on one campaign: correction, sigma, difference from gls, time, and what each leaves out.
 

@@ -18,6 +18,7 @@ from ..judge.diagnosis_text import sentences
 from ..judge.trials import Trial
 from ..physics.units import DEG
 from ..report.page import Table
+from .arguments import checked
 from .campaign import Campaign
 from .show import Shown
 
@@ -58,6 +59,7 @@ class Diagnosis(Shown):
     def tables(self) -> Sequence[Table]:
         return (self.table(),)
 
+    @checked
     def table(self, every: bool = False) -> Table:
         """The best trials, or ``every`` one."""
         found = self.findings
@@ -76,6 +78,7 @@ class Diagnosis(Shown):
         return sentences(self.findings)
 
 
+@checked
 def diagnose(campaign: Campaign) -> Diagnosis:
     """Undo the usual mistakes one by one, and in pairs, and say which would explain the residuals.
 

@@ -20,6 +20,7 @@ from ..io.gis.heights import surface as dem_surface
 from ..io.text.files import read_text
 from ..physics.errors import ArgumentError, InputError
 from ..physics.units import DEG
+from .arguments import NotNegative, checked
 from .campaign import Campaign
 from .result import Result
 from .show import Shown
@@ -97,6 +98,7 @@ class Place(Shown):
         return (f"ITRF {x:.3f} {y:.3f} {z:.3f} m", f"covariance east, north, up, m^2: {covariance}")
 
 
+@checked
 def locate(
     campaign: Campaign,
     result: Result | str | Path | None = None,
@@ -108,8 +110,8 @@ def locate(
     dem: str | Path | None = None,
     heights: Heights | None = None,
     geoid: str | Path | None = None,
-    sigma_px: float = 0.0,
-    sigma_height_m: float = 0.0,
+    sigma_px: NotNegative = 0.0,
+    sigma_height_m: NotNegative = 0.0,
 ) -> Place:
     """The ground position of a pixel with its covariance.
 

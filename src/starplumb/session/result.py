@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,9 +23,10 @@ from ..physics.errors import AlignmentFailed
 from ..physics.units import ARCSEC
 from ..report.page import Table
 from ..table.parameter_names import UNITS, unit_of
+from .arguments import Folder, checked
 from .campaign import Campaign
 from .frames import Frame
-from .show import Shown
+from .show import Shown, for_python
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -47,6 +48,8 @@ class Result(Shown):
     ``calibration`` is the plain data that everything here is taken from, in SI units and radians; ``method`` is what
     was asked for; ``labels`` says which landmark each detection was matched with, None where they were known.
     """
+
+    made_by: ClassVar[str] = "calibrate"
 
     campaign: Campaign
     calibration: Calibration
@@ -98,7 +101,7 @@ class Result(Shown):
     @property
     def message(self) -> str:
         """What weakens the answer or should be known about it, in one line; empty where there is nothing."""
-        return self.calibration.message
+        return for_python(self.calibration.message)
 
     def raise_if_unusable(self) -> None:
         """Raise AlignmentFailed, with the message, where the mounting must not be used."""
@@ -152,7 +155,8 @@ class Result(Shown):
 
         return calibration_page(self.calibration, self.document)
 
-    def save(self, folder: str | Path, report: bool = True, gpkg: bool = False) -> None:
+    @checked
+    def save(self, folder: Folder, report: bool = True, gpkg: bool = False) -> None:
         """Write what ``starplumb calibrate --out`` writes, all files or none.
 
         ``result.json``, ``residuals.csv``, with ``report`` the page ``report.html``, with ``gpkg`` the map
@@ -200,6 +204,7 @@ class Result(Shown):
         latitude, longitude, _ = itrf_to_geodetic(data.landmarks.r_J[data.sightings.landmark])
         write_residuals(path, latitude / DEG, longitude / DEG, residuals.names, residuals.columns)
 
+    @checked
     def plot_residuals(
         self, where: Literal["image", "ground"] = "image", when: Literal["before", "after"] = "after"
     ) -> Figure:
@@ -208,6 +213,7 @@ class Result(Shown):
 
         return residual_vectors(self.calibration, where, when).drawing
 
+    @checked
     def plot_trend(
         self, against: Literal["time", "latitude", "image"] = "time", shared_errors: bool = True
     ) -> Figure:
@@ -225,6 +231,7 @@ class Result(Shown):
 
         return ground_scatter(self.calibration).drawing
 
+    @checked
     def plot_alignment(self, axes: Literal["xy", "xz", "yz"] = "xy") -> Figure:
         """The correction with its error ellipses about two axes of the star tracker."""
         from ..report.calibration_figures import alignment_ellipse

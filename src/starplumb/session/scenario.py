@@ -5,16 +5,19 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from ..io.scenario.read import load_scenario
 from ..plan.scenario import Scenario as Data
+from .arguments import checked
 from .show import Shown
 
 
 @dataclass(frozen=True, repr=False)
 class Scenario(Shown):
     """A scenario that was read and checked; ``data`` holds the scene and its error sources, in SI units."""
+
+    made_by: ClassVar[str] = "scenario"
 
     data: Data
 
@@ -32,6 +35,7 @@ class Scenario(Shown):
         )
 
 
+@checked
 def scenario(source: Mapping[str, Any] | str | Path) -> Scenario:
     """A shipped scenario by its name, that of a TOML file, or of a dictionary with the keys of such a file.
 

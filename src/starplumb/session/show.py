@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from html import escape
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 if TYPE_CHECKING:
     from ..report.page import Table
@@ -12,6 +13,9 @@ if TYPE_CHECKING:
 
 class Shown:
     """What has tables and sentences: its ``repr`` is plain text, in a notebook it is an HTML table."""
+
+    made_by: ClassVar[str] = ""
+    """The function that gives such an object, for who is asked for one."""
 
     @property
     def tables(self) -> Sequence[Table]:
@@ -24,11 +28,16 @@ class Shown:
         return ()
 
     def __repr__(self) -> str:
-        return "\n".join([*(as_text(table) for table in self.tables), *self.sentences])
+        return "\n".join([*(as_text(table) for table in self.tables), *map(for_python, self.sentences)])
 
     def _repr_html_(self) -> str:
-        lines = "<br>\n".join(escape(sentence) for sentence in self.sentences)
+        lines = "<br>\n".join(escape(for_python(sentence)) for sentence in self.sentences)
         return "\n".join([*(as_html(table) for table in self.tables), f"<p>{lines}</p>" if lines else ""])
+
+
+def for_python(sentence: str) -> str:
+    """Advice in a Python session: the option ``--estimate NAME`` as the argument ``estimate="NAME"``."""
+    return re.sub(r"--estimate ([\w.=+-]*\w)", r'estimate="\1"', sentence)
 
 
 def as_text(table: Table) -> str:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from ..io.results.samples import Format, write_samples
 from ..io.results.samples import choose as choose_samples
@@ -18,7 +18,8 @@ from ..study.run import choose, run
 from ..study.statistics import trials_for
 from ..study.store import Store
 from ..study.summary import summarise
-from .calibration import estimators_of
+from .arguments import Count, Folder, Seed, Wanted, checked
+from .calibration import estimators_of, method_of
 from .frames import Frame
 from .scenario import Scenario
 from .show import Shown
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
 
 Watched = Callable[[Plan], AbstractContextManager[Callable[[int], None]]]
 
+Precision = Annotated[float, Wanted("a number from 1e-4 to 0.5", lambda value: 1e-4 <= value <= 0.5)]
 PRECISION = 0.01
 """To this part of itself each sigma is known (3 standard errors) where neither trials nor precision are given."""
 
@@ -73,12 +75,14 @@ class Study(Shown):
         """Errors, sigmas and whether those stated hold, by method and axis."""
         return Summary(self.document)
 
+    @checked
     def plot_errors(self, method: str | None = None) -> Figure:
         """Histograms of a method's errors about x, y, z, by default of the first method."""
         from ..report.simulation_figures import all_histograms
 
         return all_histograms(*self._of(method)).drawing
 
+    @checked
     def plot_convergence(self, method: str | None = None) -> Figure:
         """Sigma over its final value against the number of trials."""
         from ..report.simulation_figures import convergence
@@ -87,14 +91,11 @@ class Study(Shown):
         return convergence(name, found["convergence"]).drawing
 
     def _of(self, method: str | None) -> tuple[str, dict[str, Any]]:
-        name = method or next(iter(self.document["methods"]))
-        if name not in self.document["methods"]:
-            raise ArgumentError(
-                "method", f"found {name!r}, wanted one of {', '.join(self.document['methods'])}"
-            )
+        name = method_of(self.document, method)
         return name, self.document["methods"][name]
 
-    def save(self, folder: str | Path) -> None:
+    @checked
+    def save(self, folder: Folder) -> None:
         """Write ``summary.json``, ``report.html`` and the figures."""
         from ..io.text.write import json_text, publish
         from ..report.simulation import simulation_page
@@ -115,17 +116,18 @@ class Study(Shown):
         )
 
 
+@checked
 def simulate(
     scenario: Scenario,
-    trials: int | None = None,
-    seed: int = 1,
+    trials: Count | None = None,
+    seed: Seed = 1,
     methods: Sequence[str] | str = ("gls", "wahba"),
     *,
-    precision: float | None = None,
-    workers: int | None = 1,
+    precision: Precision | None = None,
+    workers: Count | None = 1,
     scheduler: str | None = None,
-    chunk: int = CHUNK,
-    out: str | Path | None = None,
+    chunk: Count = CHUNK,
+    out: Folder | None = None,
     samples: str = "none",
     watched: Watched = lambda plan: nullcontext(lambda trials: None),
 ) -> Study:
@@ -141,7 +143,7 @@ def simulate(
     study = Plan(
         scenario.data,
         dict(estimators_of(methods)),
-        _checked_seed(seed),
+        seed,
         _number_of_trials(trials, precision),
         chunk,
         keep_samples=format != "none",
@@ -161,15 +163,7 @@ def _number_of_trials(trials: int | None, precision: float | None) -> int:
         raise ArgumentError("precision", "found beside trials, wanted only one of the two")
     if trials is None:
         return trials_for(PRECISION if precision is None else precision)
-    if trials < 1:
-        raise ArgumentError("trials", f"found {trials}, wanted a whole number of at least 1")
     return trials
-
-
-def _checked_seed(seed: int) -> int:
-    if not 0 <= seed < 2**64:
-        raise ArgumentError("seed", f"found {seed}, wanted a whole number below 2^64, not negative")
-    return seed
 
 
 @contextmanager

@@ -12,7 +12,7 @@ from multiprocessing import parent_process
 from threading import Thread
 from typing import TYPE_CHECKING, Any, Protocol
 
-from ..physics.errors import InputError
+from ..physics.errors import ArgumentError, InputError
 from .monte_carlo import Arrays, Study
 from .store import Store
 
@@ -85,7 +85,7 @@ class Processes:
                 if lost >= LOST_POOLS:
                     raise InputError(
                         f"worker processes were killed {lost} times before they finished a chunk, "
-                        "wanted more memory or fewer --workers"
+                        "wanted more memory or fewer workers"
                     ) from None
 
     def _pool(self, study: Study, chunks: tuple[int, ...]) -> Iterator[tuple[int, Arrays]]:
@@ -135,13 +135,13 @@ class Dask:
         try:
             distributed: Any = import_module("distributed")
         except ImportError:
-            raise InputError(
-                "--scheduler needs Dask, which is not installed: pip install 'starplumb[cluster]'"
+            raise ArgumentError(
+                "scheduler", "found no Dask, which it needs: pip install 'starplumb[cluster]'"
             ) from None
         try:
             client = distributed.Client(self.address, timeout=20)
         except (OSError, ValueError, TimeoutError) as error:
-            raise InputError(f"--scheduler: found no Dask scheduler at {self.address} ({error})") from None
+            raise ArgumentError("scheduler", f"found no Dask scheduler at {self.address} ({error})") from None
         with client:
             everywhere = client.scatter(study, broadcast=True)
 

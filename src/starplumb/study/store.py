@@ -37,7 +37,7 @@ class Store:
                 _write(manifest, json.dumps(study.fingerprint, indent=1).encode())
         except json.JSONDecodeError:
             raise InputError(
-                f"{manifest}: found it damaged, wanted that of a study; remove {folder} or choose another --out"
+                f"{manifest}: found it damaged, wanted that of a study; remove {folder} or choose another one"
             ) from None
         except OSError as error:
             raise InputError(
@@ -87,7 +87,7 @@ def _require_same(found: dict[str, Any], study: Study, folder: Path) -> None:
         if found.get(key) != wanted:
             raise InputError(
                 f"{folder}: found chunks of another study ({key} = {_short(found.get(key))}), "
-                f"wanted {key} = {_short(wanted)}; remove the folder or choose another --out"
+                f"wanted {key} = {_short(wanted)}; remove the folder or choose another one"
             )
 
 

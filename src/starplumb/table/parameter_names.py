@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..physics.camera import FrameCamera, LineScanCamera
-from ..physics.errors import InputError
+from ..physics.errors import ArgumentError
 from ..physics.units import ARCSEC
 from .campaign import Campaign
 from .parameters import OPTICS, LookAngles, Optics, Parameter, TimeOffset, TrackerMounting
@@ -34,11 +34,11 @@ UNITS = {
     "": 1.0,
 }
 _LOOK = re.compile(r"look_[xy]_[0-5]")
-_SIGMA = re.compile(r"([0-9.]+(?:[eE][-+]?[0-9]+)?)([a-z]*)")
+_SIGMA = re.compile(r"((?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?)([a-z]*)")
 
 
 def parameters(texts: Sequence[str], campaign: Campaign) -> tuple[Parameter, ...]:
-    """The parameters of a campaign that ``--estimate`` names.
+    """The parameters of a campaign that a user names, each with its sigma where one is stated.
 
     Raises InputError, one sentence, for a name the campaign's camera or images have not, and for a sigma without unit.
     """
@@ -47,7 +47,7 @@ def parameters(texts: Sequence[str], campaign: Campaign) -> tuple[Parameter, ...
         name, _, stated = text.partition("=")
         for member in GROUPS.get(name, (name,)):
             if member in sigmas:
-                raise InputError(f"--estimate: found {member!r} twice, wanted each parameter once")
+                raise ArgumentError("estimate", f"found {member!r} twice, wanted each parameter once")
             sigmas[member] = _sigma(member, stated) if stated else np.inf
     optics = tuple(name for name in OPTICS if name in sigmas)
     looks = tuple(name for name in sigmas if _LOOK.fullmatch(name))
@@ -55,7 +55,7 @@ def parameters(texts: Sequence[str], campaign: Campaign) -> tuple[Parameter, ...
     rest = [name for name in sigmas if name not in (*optics, *looks, *clocks, "trackers")]
     if rest:
         names = ", ".join(("focal_length", *GROUPS, *CLOCKS, "trackers"))
-        raise InputError(f"--estimate: found {rest[0]!r}, wanted one or more of {names}")
+        raise ArgumentError("estimate", f"found {rest[0]!r}, wanted one or more of {names}")
     found: list[Parameter] = []
     if optics:
         found.append(_optics(campaign, optics, sigmas))
@@ -79,7 +79,6 @@ def unit_of(name: str) -> str:
 
 
 def _sigma(name: str, text: str) -> float:
-    wanted = "trackers" if name == "trackers" else name
     unit = unit_of("tracker" if name == "trackers" else name)
     kinds = {
         "mm": ("m", "mm", "um"),
@@ -91,25 +90,26 @@ def _sigma(name: str, text: str) -> float:
     match = _SIGMA.fullmatch(text)
     if match is None or match[2] not in kinds or not float(match[1]) > 0.0:
         form = f"a positive number with its unit ({', '.join(kinds)})" if unit else "a positive number"
-        raise InputError(
-            f"--estimate: found {wanted}={text}, wanted {form} as sigma, such as {wanted}=5{unit}"
+        raise ArgumentError(
+            "estimate", f"found {name}={text}, wanted {form} as sigma, such as {name}=5{unit}"
         )
     return float(match[1]) * UNITS[match[2]]
 
 
 def _optics(campaign: Campaign, names: tuple[str, ...], sigmas: dict[str, float]) -> Optics:
     if not isinstance(campaign.camera, FrameCamera):
-        raise InputError(
-            f"--estimate: found {names[0]!r}, wanted look_angles (or look_x_1 for the focal length) "
-            "for a line-scan camera"
+        raise ArgumentError(
+            "estimate",
+            f"found {names[0]!r}, wanted look_angles (or look_x_1 for the focal length) "
+            "for a line-scan camera",
         )
     return Optics(campaign.camera, names, tuple(sigmas[name] for name in names))
 
 
 def _look_angles(campaign: Campaign, names: tuple[str, ...], sigmas: dict[str, float]) -> LookAngles:
     if not isinstance(campaign.camera, LineScanCamera):
-        raise InputError(
-            f"--estimate: found {names[0]!r}, wanted focal_length or distortion for a frame camera"
+        raise ArgumentError(
+            "estimate", f"found {names[0]!r}, wanted focal_length or distortion for a frame camera"
         )
     return LookAngles(campaign.camera, names, tuple(sigmas[name] for name in names))
 
@@ -118,8 +118,9 @@ def _trackers(campaign: Campaign, sigma: float) -> list[Parameter]:
     """A mounting of its own for every tracker but that of the first image."""
     labels = campaign.images.tracker
     if labels is None or len(set(labels)) < 2:
-        raise InputError(
-            "--estimate: found 'trackers', wanted a column tracker in the table of images that names at least two"
+        raise ArgumentError(
+            "estimate",
+            "found 'trackers', wanted a column tracker in the table of images that names at least two",
         )
     names = list(dict.fromkeys(labels))
     member = np.array(labels)

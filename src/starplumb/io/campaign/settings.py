@@ -45,10 +45,6 @@ def read_settings(settings: Path | Mapping[str, Any], tables: Mapping[str, objec
         digest = {"settings": "sha256:" + hashlib.sha256(text.encode()).hexdigest()}
         read = Settings("settings", document, Path(), digest, {})
     else:
-        if not isinstance(settings, Path):
-            raise InputError(
-                f"settings: found {show(settings)}, wanted the path of campaign.toml or its keys as a dictionary"
-            )
         digest = {"campaign.toml": fingerprint(settings)} if settings.is_file() else {}
         read = Settings(str(settings), read_toml(settings), settings.parent, digest, {})
     for name, data in (tables or {}).items():

@@ -11,7 +11,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ...physics.errors import InputError
+from ...physics.errors import ArgumentError
 from ...physics.units import ARCSEC
 from ...study.monte_carlo import Arrays, Samples
 from ...study.store import Store
@@ -20,13 +20,14 @@ Format = Literal["parquet", "none"]
 
 
 def choose(wanted: str) -> Format:
-    """The format that ``--samples`` asks for; ``auto`` is Parquet.  Raises InputError for another one."""
+    """The format of the samples; ``auto`` is Parquet.  Raises InputError for another one."""
     if wanted == "netcdf":
-        raise InputError(
-            "--samples: found 'netcdf', which is no longer written, wanted parquet, which holds the same columns"
+        raise ArgumentError(
+            "samples",
+            "found 'netcdf', which is no longer written, wanted parquet, which holds the same columns",
         )
     if wanted not in ("auto", "parquet", "none"):
-        raise InputError(f"--samples: found {wanted!r}, wanted auto, parquet or none")
+        raise ArgumentError("samples", f"found {wanted!r}, wanted auto, parquet or none")
     return "none" if wanted == "none" else "parquet"
 
 
