@@ -18,7 +18,7 @@ from pathlib import Path
 
 HERE = Path(__file__).resolve().parents[1] / "src"
 COMMAND = "import sys; sys.argv = ['starplumb', *{arguments}]\nfrom starplumb.cli import main\n"
-RUN = "try:\n    main()\nexcept SystemExit:\n    pass\n"
+RUN = "try:\n    main()\nexcept SystemExit as end:\n    assert not end.code, end.code\n"
 
 
 def command(*arguments: str) -> str:
@@ -28,7 +28,9 @@ def command(*arguments: str) -> str:
 
 def cpu_s(code: str, source: Path, folder: Path) -> float:
     """CPU seconds of a process that runs the code."""
-    environment = {**os.environ, "PYTHONPATH": str(source)}
+    # compiled modules are kept as an installed package keeps them, whatever the environment says
+    environment = {**os.environ, "PYTHONPATH": str(source), "PYTHONPYCACHEPREFIX": str(folder / "compiled")}
+    environment.pop("PYTHONDONTWRITEBYTECODE", None)
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     subprocess.run([sys.executable, "-c", code], cwd=folder, env=environment, check=True, capture_output=True)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
@@ -46,14 +48,17 @@ def main() -> None:
         "starplumb calibrate --no-report": command("calibrate", "demo/campaign.toml", "--no-report"),
     }
     with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        cpu_s(command("init", "demo"), HERE, folder)
+        folders = {source: Path(name) / str(k) for k, source in enumerate((HERE, *options.src))}
+        for source, folder in folders.items():
+            folder.mkdir()
+            cpu_s(command("init", "demo"), source, folder)
         runs = [("import typer, rich", "import typer, rich", HERE)]
         runs += [(title, code, source) for title, code in programs.items() for source in (HERE, *options.src)]
         least = [float("inf")] * len(runs)
         for _ in range(options.rounds):
             least = [
-                min(t, cpu_s(code, source, folder)) for t, (_, code, source) in zip(least, runs, strict=True)
+                min(t, cpu_s(code, source, folders[source]))
+                for t, (_, code, source) in zip(least, runs, strict=True)
             ]
     for t, (title, _, source) in zip(least, runs, strict=True):
         print(f"{title:34} {t:6.3f} s  {t / least[0]:5.2f}  {source}")
