@@ -19,7 +19,6 @@ from starplumb.judge.calibrate import calibrate
 from starplumb.judge.files.evidence import growth
 from starplumb.judge.files.image_errors import ImageErrors, OwnErrors
 from starplumb.judge.files.sampling import between, left_out
-from starplumb.judge.files.sharing import passes
 from starplumb.physics import so3
 from starplumb.physics.errors import InputError
 from starplumb.physics.rounding import decimal_step, is_grid, time_step
@@ -27,8 +26,10 @@ from starplumb.physics.series import Attitude
 from starplumb.physics.trackers import FusedAttitude, TrackerSeries
 from starplumb.physics.units import ARCSEC, DEG
 from starplumb.plan.demo import demo
+from starplumb.table.campaign import SharedErrors
 from starplumb.table.equation import linearise
 from starplumb.table.geometry import observe
+from starplumb.table.sharing import passes
 
 SECOND = 10**9
 
@@ -411,12 +412,12 @@ def test_one_place_under_two_ids_is_named():
 def test_images_close_in_time_ask_for_a_statement():
     """Each of [attitude] and [ephemeris] is asked for until it is stated; far images are not."""
     campaign, _ = demo("frame", 4, 262)
-    silent = replace(campaign, attitude_shared_by=None, position_shared_by=None)
+    silent = replace(campaign, attitude_errors=SharedErrors(), position_errors=SharedErrors())
     done = calibrate(silent, Gls())
     assert kinds(done) == {"shared errors"}
     assert done.status is Status.WEAK
     assert "state in [attitude] and [ephemeris]" in done.message
-    half = calibrate(replace(campaign, attitude_shared_by=None), Gls())
+    half = calibrate(replace(campaign, attitude_errors=SharedErrors()), Gls())
     assert "state in [attitude] what" in half.message
     assert not calibrate(campaign, Gls()).evidence
     rare = replace(silent, images=replace(silent.images, t_ns=silent.images.t_ns.copy()))
@@ -436,7 +437,9 @@ def _every_third_minute(campaign):
 def test_with_one_error_a_pass_the_sigma_is_that_of_the_tracker():
     """Images of one pass share one draw: their number no longer helps, by hand 5, 5, 12 arcsec and a little more."""
     campaign, _ = demo("frame", 6, 263)
-    done = calibrate(replace(campaign, attitude_shared_by="pass", position_shared_by="pass"), Gls())
+    done = calibrate(
+        replace(campaign, attitude_errors=SharedErrors("pass"), position_errors=SharedErrors("pass")), Gls()
+    )
     sigma = done.estimate.sigma_E / ARCSEC
     assert np.all(sigma > [5.0, 5.0, 12.0])
     assert np.all(sigma < [5.4, 5.4, 12.6])
@@ -481,11 +484,11 @@ def test_who_shares_an_error_is_read_and_written(tmp_path):
         "sigma_arcsec = [5.0, 5.0, 12.0]", 'sigma_arcsec = [5.0, 5.0, 12.0]\nshared_by = "pass"'
     )
     campaign = load_campaign(write_good_campaign(tmp_path / "a", campaign=text)).campaign
-    assert (campaign.attitude_shared_by, campaign.position_shared_by) == ("pass", "campaign")
+    assert (campaign.attitude_errors.shared_by, campaign.position_errors.shared_by) == ("pass", "campaign")
     again = load_campaign(write_campaign(tmp_path / "b", campaign)).campaign
-    assert (again.attitude_shared_by, again.position_shared_by) == ("pass", "campaign")
+    assert (again.attitude_errors.shared_by, again.position_errors.shared_by) == ("pass", "campaign")
     plain = load_campaign(write_good_campaign(tmp_path / "c")).campaign
-    assert (plain.attitude_shared_by, plain.position_shared_by) == (None, None)
+    assert (plain.attitude_errors.shared_by, plain.position_errors.shared_by) == (None, None)
 
 
 def test_a_word_that_shares_nothing_is_refused(tmp_path):

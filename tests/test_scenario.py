@@ -371,6 +371,14 @@ error = "position"
 sigma_m = 3.0
 correlation_time_s = 50.0
 frame = "GCRF"
+[truth.calm]
+error = "attitude"
+sigma_arcsec = [2.0, 3.0, 4.0]
+correlation_time_s = 40.0
+[truth.wander]
+error = "wander"
+sigma_arcsec = [2.0, 3.0, 4.0]
+correlation_time_s = 1.0
 [truth.datum]
 error = "landmark"
 sigma_m = 0.5
@@ -391,8 +399,8 @@ degrees_of_freedom = 6
 error = "rounding"
 step_px = 1.0
 """
-NAMES = ["A", "B", "tracker", "gps", "survey", "pixel", "pass", "bias", "drift", "slow", "datum", "clock", "focal",
-         "centre", "rounding"]  # fmt: skip
+NAMES = ["A", "B", "tracker", "gps", "survey", "pixel", "pass", "bias", "drift", "slow", "calm", "wander", "datum",
+         "clock", "focal", "centre", "rounding"]  # fmt: skip
 
 
 @pytest.mark.slow

@@ -156,7 +156,7 @@ def test_more_than_a_tenth_of_the_images_rejected_is_weak():
 
 def calibrated(monkeypatch, campaign, table, estimator):
     """The judgement of drawn measurements of a campaign, whose files say nothing."""
-    monkeypatch.setattr(judge, "observe", lambda _: table)
+    monkeypatch.setattr(judge, "table_of", lambda _: table)
     monkeypatch.setattr(judge, "_evidence", lambda *_: ())
     return judge.calibrate(campaign, estimator)
 

@@ -8,20 +8,18 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ..estimators.campaign_table import table_of
 from ..estimators.fit import Unknowns
 from ..estimators.gls import Gls
 from ..estimators.protocol import AlignmentEstimate, Estimator, Status, Verdict
-from ..estimators.wahba import Wahba
 from ..physics import so3
 from ..physics.errors import InputError
 from ..table.campaign import Campaign
-from ..table.geometry import observe
 from ..table.observations import Observations
 from .consistency import EXACT, chi2_p, findings
 from .contradictions import Support, culprit, disagreement, rejected_images, rival, worse_on_the_ground
 from .files.evidence import Evidence
 from .files.findings import findings_of_files
-from .files.sharing import shared
 from .from_data import ImageRotations, half_widths_95, image_rotations
 from .residuals import Accuracy, Residuals, residuals
 from .separability import UNKNOWN, Combination, combinations, ruins_alignment, without_gain
@@ -108,9 +106,7 @@ def calibrate(campaign: Campaign, estimator: Estimator) -> Calibration:
 
     Raises EpochError where an image lies outside the orbit or attitude, InputError where there is nothing to use.
     """
-    observations = observe(campaign)
-    if campaign.shares_between_images:
-        observations = shared(campaign, observations, Wahba()(observations, campaign.C_EK).C_EK)
+    observations = table_of(campaign)
     used = ~campaign.sightings.check
     if not np.any(used):
         raise InputError(

@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..estimators import METHODS
+from ..estimators.campaign_table import table_of
 from ..estimators.gls import Gls
 from ..estimators.protocol import AlignmentEstimate, Estimator, Status
 from ..physics import so3
 from ..physics.errors import InputError
 from ..table.campaign import Campaign
-from ..table.geometry import observe
 from ..table.observations import Observations
 
 Array = NDArray[np.float64]
@@ -59,7 +59,7 @@ def answers(campaign: Campaign, methods: Mapping[str, Callable[[], Estimator]] =
         raise InputError(
             f"campaign {campaign.name!r} has no observation with role control; wanted at least two markers"
         )
-    observations = observe(campaign).select(used)
+    observations = table_of(campaign).select(used)
     gls = Gls()(observations, campaign.C_EK)
     for name, method in methods.items():
         yield _answer(name, method(), observations, campaign.C_EK, gls)

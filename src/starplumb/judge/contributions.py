@@ -20,6 +20,16 @@ from ..solve.whitening import accumulate
 from ..table.observations import Observations
 
 Array = NDArray[np.float64]
+_LABELS = {
+    "attitude": "star tracker",
+    "attitude session": "star tracker, by session",
+    "attitude wander": "star tracker, within an image",
+    "position": "satellite position",
+    "position session": "satellite position, by session",
+    "survey": "marker survey",
+    "time": "time of the images",
+}
+"""What a report calls the errors that several sightings share."""
 
 
 @dataclass(frozen=True)
@@ -28,7 +38,7 @@ class Spread:
 
     ``attitude``, ``position`` (m, 3, 3) and ``landmark`` (L, 3, 3) sum the slopes of a member's sightings, the latter
     only where landmarks are seen more than once; ``noise`` and ``own`` (3, 3) are the covariances by pixel noise, and
-    by all that is a sighting's own.
+    by all that is a sighting's own; ``common`` (3, p) is the response to each error in common.
     """
 
     table: Observations
@@ -37,6 +47,7 @@ class Spread:
     landmark: Array
     noise: Array
     own: Array
+    common: Array
 
     @classmethod
     def of(cls, o: Observations) -> Spread:
@@ -45,7 +56,8 @@ class Spread:
         image, position, landmark, noise, own = (
             np.zeros((size, 3, 3)) for size in (m, m, 0 if once else o.n_landmarks, 1, 1)
         )
-        return cls(o, image, position, landmark, noise[0], own[0])
+        common = np.zeros((3, 0 if o.common_px is None else o.common_px.shape[-1]))
+        return cls(o, image, position, landmark, noise[0], own[0], common)
 
     def add(self, portion: Portion, gain: Array) -> None:
         """Sightings that move the alignment by ``gain`` (n, 3, 2) rad per pixel."""
@@ -56,6 +68,8 @@ class Spread:
         accumulate(self.position, by_place, image)
         if self.landmark.size:
             accumulate(self.landmark, by_place, self.table.landmark[portion.rows])
+        if portion.table.common_px is not None:
+            self.common[...] += np.einsum("nij,njp->ip", K, portion.table.common_px)
         self.noise[...] += _square(K * portion.table.sigma_px[:, None, None])
         self.own[...] += _square(whitened)
 
@@ -65,12 +79,18 @@ class Spread:
         o, survey = self.table, self.own - self.noise
         if self.landmark.size:
             survey = _through(self.landmark, o.cov_landmark_J)
-        return {
+        parts = {
             "star tracker": _through(self.attitude, o.cov_attitude_E),
             "satellite position": _through(self.position, o.cov_position_J),
             "marker survey": survey,
             "image measurement": self.noise,
         }
+        names = o.common_of or ("",) * self.common.shape[1]
+        for name in dict.fromkeys(names):
+            columns = self.common[:, [other == name for other in names]]
+            label = _LABELS.get(name, "errors in common")
+            parts[label] = parts.get(label, np.zeros((3, 3))) + columns @ columns.mT
+        return parts
 
 
 def _square(rows: Array) -> Array:

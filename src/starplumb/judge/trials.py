@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ..estimators.campaign_table import table_of
 from ..estimators.gls import Gls
 from ..estimators.protocol import AlignmentEstimate, Estimator, Status, Verdict
 from ..estimators.robust import Robust
@@ -27,7 +28,6 @@ from ..physics.errors import InputError
 from ..physics.units import DEG
 from ..table.campaign import Campaign
 from ..table.equation import linearise
-from ..table.geometry import observe
 from ..table.observations import Observations
 from ..table.parameters import Parameter
 from .consistency import ABSURD, DECISIVE, IMPLAUSIBLE_P, chi2_p
@@ -141,7 +141,7 @@ def calibrated(campaign: Campaign, undone: tuple[Mistake, ...]) -> Trial:
     free = tuple(parameter for mistake in undone for parameter in mistake.free)
     with np.errstate(all="ignore"):
         try:
-            observations = replace(observe(campaign), prior_E=None)
+            observations = replace(table_of(campaign), prior_E=None)
             estimate = _estimator(free)(observations, campaign.C_EK)
             return _judged(campaign, observations, estimate, undone)
         except (InputError, np.linalg.LinAlgError) as error:
@@ -204,7 +204,7 @@ def by_directions(campaign: Campaign, mistakes: tuple[Mistake, ...]) -> Trial:
     """A trial by directions alone, without an adjustment."""
     with np.errstate(all="ignore"):
         try:
-            observations = observe(mended(campaign, mistakes))
+            observations = table_of(mended(campaign, mistakes))
             return Trial(mistakes, _rough_misfit(observations), obstacle="not adjusted")
         except (InputError, np.linalg.LinAlgError) as error:
             return Trial(mistakes, np.inf, obstacle=str(error))
@@ -231,7 +231,7 @@ def misfit_of_images(campaign: Campaign) -> Array:
     found = np.zeros(len(campaign.images.ids))
     with np.errstate(all="ignore"):
         try:
-            o = observe(campaign)
+            o = table_of(campaign)
             closest = Wahba()(o, np.eye(3))
         except (InputError, np.linalg.LinAlgError):
             return found
@@ -248,7 +248,7 @@ def without_rejected(campaign: Campaign, undone: tuple[Mistake, ...]) -> Trial |
     with np.errstate(all="ignore"):
         try:
             right = mended(campaign, undone)
-            observations = replace(observe(right), prior_E=None)
+            observations = replace(table_of(right), prior_E=None)
             estimate = Robust()(observations, right.C_EK)
         except (InputError, np.linalg.LinAlgError):
             return None

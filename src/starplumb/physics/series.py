@@ -340,6 +340,19 @@ class Attitude:
             raise EpochError(str(error), int(np.flatnonzero(back == error.row)[0])) from None
         return C_EJ[back].reshape(*t.shape, 3, 3), omega_E[back].reshape(*t.shape, 3)
 
+    def weights(self, t_ns: Epochs) -> tuple[NDArray[np.int64], Array]:
+        """Samples (n, 4) from which epochs (n,) are interpolated and their weights (n, 4), 0 where fewer are used.
+
+        To first order the error at an epoch is the weighted sum of the errors of the samples.
+        """
+        samples, weights = np.zeros((t_ns.size, 4), dtype=np.int64), np.zeros((t_ns.size, 4))
+        for queries, nodes in self.bursts.windows(t_ns, 4, self.name):
+            origin = self.t_ns[nodes[:, :1]]
+            tau, x = seconds(self.t_ns[nodes] - origin), seconds(t_ns[queries] - origin[:, 0])
+            k = nodes.shape[1]
+            samples[queries, :k], weights[queries, :k] = nodes, lagrange(x, tau)[0]
+        return samples, weights
+
     def _interpolate(self, t_ns: Epochs, nodes: NDArray[np.int64]) -> tuple[Array, Array]:
         anchor = nodes[:, (nodes.shape[1] - 1) // 2]
         C_anchor = so3.from_quaternion(self.q_EF[anchor])

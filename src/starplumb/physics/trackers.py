@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import so3
+from .covariance import square_root
 from .errors import EpochError, InputError
 from .series import Attitude, seconds
 
@@ -140,6 +141,15 @@ class FusedAttitude:
         used = used | ~np.any(used, axis=0)
         W = self._weights(t_ns, used)
         return np.asarray(np.sum(W @ self._covariances(t_ns) @ W.mT, axis=0))
+
+    def root_E(self, t_ns: Epochs, sigma_A: Array) -> Array:
+        """Symmetric square root (m, 3, 3) rad of ``sum_j W_j S_j W_j^T``, S_j of further sigmas (k, 3) of the trackers
+        about their own axes."""
+        used = self.used(t_ns)
+        used = used | ~np.any(used, axis=0)
+        turned = np.stack([t.C_EA * sigma for t, sigma in zip(self.trackers, sigma_A, strict=True)])
+        G = self._weights(t_ns, used) @ turned[:, None]
+        return square_root(np.sum(G @ G.mT, axis=0))
 
     def residuals(self, t_ns: Epochs) -> Array:
         """``log(C_j C_EJ^T)`` (k, m, 3) rad: each tracker's reading less the average, NaN where it is not used."""

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..physics.covariance import square_root
 from ..physics.earth import C_JT, itrf_to_geodetic
 from ..physics.light import inertial_velocity
 from ..physics.orbit import C_RO, argument_of_latitude
@@ -21,8 +20,10 @@ from ..table.error_sources import (
     UNIT_PPM,
     Distribution,
     Source,
+    Unit,
 )
 from ..table.observations import Observations
+from ..table.sharing import FORGOTTEN, chained, correlated
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -75,7 +76,7 @@ class Flight:
         match shared_by:
             case "image":
                 return np.arange(self.m)
-            case "pass":
+            case "pass" | "session":
                 return np.unique(self.pass_of_image, return_inverse=True)[1]
             case "campaign":
                 return np.zeros(self.m, dtype=np.int64)
@@ -174,24 +175,43 @@ def correlated_position(
     flight: Flight, name: str, sigma: Array, frame: str, time_s: float, shape: Distribution = _GAUSSIAN
 ) -> Source:
     """Orbit error that forgets itself like a Gauss-Markov process: correlation ``exp(-|dt| / time)`` between images."""
-    t = 1e-9 * (flight.flown.images.t_ns - flight.flown.images.t_ns[0])
-    root = square_root(np.exp(-np.abs(t[:, None] - t) / time_s))
-    pattern = (flight.axes_J(frame)[:, :, None, :] * root[:, None, :, None]).reshape(
-        flight.m, 3, 3 * flight.m
-    )
+    words = f"position along {frame} axes, correlated over {time_s:g} s"
     labels = ("along", "across", "down") if frame == "orbital" else XYZ
-    return Source(
-        name,
-        f"position along {frame} axes, correlated over {time_s:g} s",
-        "rho_J",
-        pattern,
-        flight.groups("campaign"),
-        np.tile(np.arange(3), flight.m),
-        sigma,
-        labels,
-        UNIT_METRE,
-        shape,
-    )
+    t_s = np.asarray(flight.flown.images.t_ns * 1e-9)
+    group = chained(t_s, FORGOTTEN * time_s)
+    unit = correlated(name, "rho_J", flight.axes_J(frame), t_s, group, time_s)
+    return _scaled(unit, words, sigma, labels, UNIT_METRE, shape)
+
+
+def correlated_attitude(
+    flight: Flight, name: str, sigma: Array, axes: Array, time_s: float, shape: Distribution = _GAUSSIAN
+) -> Source:
+    """Attitude error of images that forgets itself like a Gauss-Markov process."""
+    t_s = np.asarray(flight.flown.images.t_ns * 1e-9)
+    L = np.broadcast_to(axes, (flight.m, 3, 3))
+    unit = correlated(name, "alpha_E", L, t_s, chained(t_s, FORGOTTEN * time_s), time_s)
+    return _scaled(unit, f"attitude, correlated over {time_s:g} s", sigma, XYZ, UNIT_ARCSEC, shape)
+
+
+def wander(
+    flight: Flight, name: str, sigma: Array, axes: Array, time_s: float, shape: Distribution = _GAUSSIAN
+) -> Source:
+    """Attitude error that changes while an image is taken, a Gauss-Markov process in the time of its rows."""
+    o, flown = flight.truth, flight.flown
+    t_s = 1e-9 * (flown.images.exposed(o.image, flown.sightings.row_px) - flown.images.t_ns.min())
+    L = np.broadcast_to(axes, (o.n, 3, 3))
+    unit = correlated(name, "turn_E", L, t_s, o.image, time_s)
+    words = f"attitude within an image, correlated over {time_s:g} s"
+    return _scaled(unit, words, sigma, XYZ, UNIT_ARCSEC, shape)
+
+
+def _scaled(
+    unit: Source, words: str, sigma: Array, labels: tuple[str, ...], of: Unit, shape: Distribution
+) -> Source:
+    """A source of unit sigmas about three axes with these."""
+    component = np.arange(unit.component.size) % 3
+    scaled = replace(unit, words=words, component=component, sigma=sigma, labels=labels, unit=of)
+    return replace(scaled, distribution=shape)
 
 
 def landmark(

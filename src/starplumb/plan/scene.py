@@ -13,7 +13,7 @@ from ..physics.earth import C_JT, OMEGA_EARTH, geodetic_to_itrf, itrf_to_geodeti
 from ..physics.light import Corrections, inertial_velocity
 from ..physics.orbit import C_RO, Orbit, pointing
 from ..physics.series import Attitude, Ephemeris, Orientation
-from ..table.campaign import Campaign, Images, Landmarks, Sightings
+from ..table.campaign import Campaign, Images, Landmarks, SharedErrors, Sightings
 from ..table.geometry import locate, project
 from ..table.simulate import Errors
 
@@ -131,8 +131,8 @@ def photograph(
         sightings=_no_sightings(),
         corrections=corrections,
         orientation=orientation,
-        attitude_shared_by="image",
-        position_shared_by="image",
+        attitude_errors=SharedErrors("image"),
+        position_errors=SharedErrors("image"),
     )
 
 

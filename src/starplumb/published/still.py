@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -37,7 +39,7 @@ def still_frames(
     """
     n, m, L = image.size, int(image.max()) + 1, int(landmark.max()) + 1
     still = np.zeros((n, 3))
-    geometry = {
+    geometry: dict[str, Any] = {
         "r_J": np.broadcast_to(r_J, (*np.shape(r_J)[:-2], n, 3)),
         "v_J": still,
         "C_EJ": np.broadcast_to(C_EJ, (*np.shape(C_EJ)[:-3], n, 3, 3)),

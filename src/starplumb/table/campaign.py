@@ -18,18 +18,48 @@ from ..physics.trackers import FusedAttitude
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 Epochs = NDArray[np.int64]
-SharedBy = Literal["image", "pass", "session", "campaign"]
+SharedBy = Literal["image", "pass", "session", "campaign", "sample"]
 """What has one draw of an error in common."""
+
+
+@dataclass(frozen=True)
+class SharedErrors:
+    """How the errors of attitude (rad, about E's axes) or position (m, along the axes of its sigmas) are shared.
+
+    ``shared_by`` says what has one draw of the stated sigma, None where that is not stated: as "image";
+    ``correlation_time_s`` makes it a process in time instead.  ``session_sigma`` (3,), or its square root (m, 3, 3) of
+    each image, is a further error, one draw a session, and ``wander_sigma`` (3,) one that changes within an image over
+    ``wander_time_s``.
+    """
+
+    shared_by: SharedBy | None = None
+    correlation_time_s: float | None = None
+    session_sigma: Array | None = None
+    wander_sigma: Array | None = None
+    wander_time_s: float = 1.0
+
+    @property
+    def stated(self) -> bool:
+        """Whether it is said which images share an error."""
+        return self.shared_by is not None or self.correlation_time_s is not None
+
+    @property
+    def moved(self) -> bool:
+        """Whether the stated error is not that of each image alone."""
+        return self.correlation_time_s is not None or self.shared_by not in (None, "image")
 
 
 @dataclass(frozen=True)
 class Landmarks:
     """L surveyed markers: ``r_J`` (L, 3) m with ``covariance_J`` (L, 3, 3) m^2, known by ``ids`` without
-    repetition."""
+    repetition.  ``common_sigma`` (3,) m east, north, up is a further error that those of one survey share; ``sources``
+    names the survey of each, None for one."""
 
     ids: tuple[str, ...]
     r_J: Array
     covariance_J: Array
+    common_sigma: Array | None = None
+    sources: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
         n = _distinct("landmark", self.ids)
@@ -41,7 +71,8 @@ class Landmarks:
 class Images:
     """m images taken at ``t_ns`` (m,): mid-exposure of a frame; of row 0 for a line scanner, whose rows
     follow one another by ``line_period_s`` (m,) (None for a frame).  ``tracker`` (m,) names the star
-    tracker each attitude is from, None where they are not distinguished."""
+    tracker each attitude is from, ``passes`` and ``sessions`` (m,) the pass and session of each image, None where they
+    are not distinguished; ``sigma_time_s`` (m,) is the sigma of each image's own error of time."""
 
     ids: tuple[str, ...]
     t_ns: Epochs
@@ -49,6 +80,9 @@ class Images:
     name: str = "the images"
     """What messages call them: the user's file."""
     tracker: tuple[str, ...] | None = None
+    passes: tuple[str, ...] | None = None
+    sessions: tuple[str, ...] | None = None
+    sigma_time_s: Array | None = None
 
     def __post_init__(self) -> None:
         m = _distinct("image", self.ids)
@@ -57,8 +91,12 @@ class Images:
             raise ValueError(f"t_ns is {self.t_ns.dtype}, wanted int64")
         if self.line_period_s is not None:
             _shape("line_period_s", self.line_period_s, (m,))
-        if self.tracker is not None and len(self.tracker) != m:
-            raise ValueError(f"tracker names {len(self.tracker)} images, wanted {m}")
+        if self.sigma_time_s is not None:
+            _shape("sigma_time_s", self.sigma_time_s, (m,))
+        for name in ("tracker", "passes", "sessions"):
+            names = getattr(self, name)
+            if names is not None and len(names) != m:
+                raise ValueError(f"{name} names {len(names)} images, wanted {m}")
 
     def exposed(self, image: Index, row_px: ArrayLike) -> Epochs:
         """Epochs (n,) of rows (n,) of images (n,): of the image itself, plus row periods for a line scanner."""
@@ -110,8 +148,8 @@ class Campaign:
     sigma_position     (3,)                position error an image's markers share, m, along ``position_frame``
     cov_attitude_E     (3, 3), (m, 3, 3)   of the attitude error an image's markers share, about E's axes, rad^2
     orientation                            of the Earth; needed where ``position_frame`` is inertial
-    attitude_shared_by                     what has one attitude error in common; None, not stated: as "image"
-    position_shared_by                     the same of the position error
+    attitude_errors                        what is stated of who shares an error of attitude
+    position_errors                        the same of the position error
     ================== =================== ==================================================================
     """
 
@@ -129,8 +167,8 @@ class Campaign:
     sightings: Sightings
     corrections: Corrections
     orientation: Orientation | None = None
-    attitude_shared_by: SharedBy | None = None
-    position_shared_by: SharedBy | None = None
+    attitude_errors: SharedErrors = SharedErrors()
+    position_errors: SharedErrors = SharedErrors()
 
     def __post_init__(self) -> None:
         _shape("C_EK", self.C_EK, (3, 3))
@@ -147,11 +185,6 @@ class Campaign:
             raise ValueError("an inertial position_frame needs the orientation of the Earth")
         _indices("image", self.sightings.image, m)
         _indices("landmark", self.sightings.landmark, len(self.landmarks.ids))
-
-    @property
-    def shares_between_images(self) -> bool:
-        """Whether several images are stated to have one error of attitude or position in common."""
-        return bool({self.attitude_shared_by, self.position_shared_by} - {None, "image"})
 
     @property
     def attitudes(self) -> tuple[Attitude, ...]:

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +26,7 @@ from .observations import Observations
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-Field = Literal["alpha_E", "rho_J", "pi_J", "pixel", "late_s", "tangent"]
+Field = Literal["alpha_E", "rho_J", "pi_J", "pixel", "late_s", "tangent", "turn_E"]
 Shape = Literal["gaussian", "uniform", "student", "blunder", "disc"]
 
 
@@ -138,7 +138,8 @@ class Errors:
     ``alpha_E`` (..., m, 3) rad attitude of each image; ``rho_J`` (..., m, 3) m position of each image;
     ``pi_J`` (..., L, 3) m place of each landmark; ``pixel`` (..., n, 2) column and row of each sighting;
     ``late_s`` (..., m) s by which attitude and position of an image are read too late; ``tangent`` (..., n, 2) error of
-    the look direction xy_K that the camera model gives a sighting's pixel.  None for no such error.
+    the look direction xy_K that the camera model gives a sighting's pixel; ``turn_E`` (..., n, 3) rad attitude of each
+    sighting, besides that of its image.  None for no such error.
     """
 
     alpha_E: Array
@@ -147,6 +148,7 @@ class Errors:
     pixel: Array
     late_s: Array | None = None
     tangent: Array | None = None
+    turn_E: Array | None = None
 
     @classmethod
     def draw(cls, truth: Observations, rng: np.random.Generator, batch: tuple[int, ...] = ()) -> Errors:
@@ -173,6 +175,7 @@ def combine(truth: Observations, fields: Sequence[tuple[Field, Array]]) -> Error
         pixel=sums.get("pixel", np.zeros((n, 2))),
         late_s=None if late is None else late[..., 0],
         tangent=sums.get("tangent"),
+        turn_E=sums.get("turn_E"),
     )
 
 
@@ -192,20 +195,24 @@ def stated_sources(table: Observations) -> tuple[Source, ...]:
     m, L, n = table.n_images, table.n_landmarks, table.n
     noise_px = table.sigma_px[..., None, None] * np.eye(2)
     own = (
-        _stated("attitude", "alpha_E", square_root(table.cov_attitude_E), np.arange(m)),
-        _stated("position", "rho_J", square_root(table.cov_position_J), np.arange(m)),
-        _stated("landmark", "pi_J", square_root(table.cov_landmark_J), np.arange(L)),
-        _stated("pixel", "pixel", noise_px, np.arange(n)),
+        as_stated("attitude", "alpha_E", square_root(table.cov_attitude_E), np.arange(m)),
+        as_stated("position", "rho_J", square_root(table.cov_position_J), np.arange(m)),
+        as_stated("landmark", "pi_J", square_root(table.cov_landmark_J), np.arange(L)),
+        as_stated("pixel", "pixel", noise_px, np.arange(n)),
     )
     if table.common_px is None:
         return own
     # common_px is in residuals, predicted minus measured pixel
-    return (*own, _stated("common", "pixel", -table.common_px, np.zeros(n, dtype=np.int64)))
+    return (*own, as_stated("common", "pixel", -table.common_px, np.zeros(n, dtype=np.int64)))
 
 
-def _stated(name: str, field: Field, pattern: Array, group: Index) -> Source:
+def as_stated(name: str, field: Field, pattern: Array, group: Index) -> Source:
+    """A source whose sigmas are in its pattern (..., J, d, q)."""
     q = pattern.shape[-1]
-    unit = {"alpha_E": Unit("rad", 1.0), "pixel": UNIT_PIXEL}.get(field, UNIT_METRE)
+    rad = Unit("rad", 1.0)
+    unit = {"alpha_E": rad, "turn_E": rad, "pixel": UNIT_PIXEL, "late_s": Unit("s", 1.0)}.get(
+        field, UNIT_METRE
+    )
     labels = tuple(str(k + 1) for k in range(q))
     return Source(name, "as stated", field, pattern, group, np.arange(q), np.ones(q), labels, unit)
 
@@ -220,7 +227,7 @@ def element(o: Observations, field: Field) -> Index:
 def _slope(o: Observations, model: Linearised, field: Field) -> Array:
     """d z / d field of each sighting (n, 2, d), by the first order of the measurement equation."""
     match field:
-        case "alpha_E":
+        case "alpha_E" | "turn_E":
             return -model.H
         case "rho_J":
             return model.R
@@ -276,7 +283,7 @@ def state(truth: Observations, sources: Sequence[Source], model: Linearised) -> 
     """
     m, L, n = truth.n_images, truth.n_landmarks, truth.n
     sums = {"alpha_E": np.zeros((m, 3, 3)), "rho_J": np.zeros((m, 3, 3)), "pi_J": np.zeros((L, 3, 3))}
-    pixel, common = np.zeros(n), []
+    pixel, common = np.zeros(n), list[Source]()
     for source in sources:
         own = source.gain @ source.gain.mT
         if source.is_white and source.field in sums:
@@ -288,7 +295,7 @@ def state(truth: Observations, sources: Sequence[Source], model: Linearised) -> 
         ):
             pixel = pixel + own[:, 0, 0]
         else:
-            common.append(Effect.of(source, truth, model).columns())
+            common.append(source)
     if not np.all(pixel > 0.0):
         raise ValueError("no stated source is pixel noise")
     return replace(
@@ -297,5 +304,16 @@ def state(truth: Observations, sources: Sequence[Source], model: Linearised) -> 
         cov_position_J=sums["rho_J"],
         cov_landmark_J=sums["pi_J"],
         sigma_px=np.sqrt(pixel),
-        common_px=np.concatenate(common, axis=-1) if common else None,
+        **common_columns(common, truth, model),
     )
+
+
+def common_columns(sources: Sequence[Source], o: Observations, model: Linearised) -> dict[str, Any]:
+    """Fields ``common_px`` and ``common_of`` of a table in which several sightings share the errors of sources."""
+    if not sources:
+        return {"common_px": None, "common_of": None}
+    columns = [Effect.of(source, o, model).columns() for source in sources]
+    names = [
+        source.name for source, block in zip(sources, columns, strict=True) for _ in range(block.shape[-1])
+    ]
+    return {"common_px": np.concatenate(columns, axis=-1), "common_of": tuple(names)}

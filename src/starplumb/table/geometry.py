@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -56,16 +57,22 @@ def stations(campaign: Campaign, image: Index, row_px: ArrayLike) -> Stations:
 
 def position_covariance(campaign: Campaign) -> Array:
     """Covariance of the position of each image in J (m, 3, 3): the stated sigmas turned out of the file's frame."""
-    covariance = np.diag(campaign.sigma_position**2)
+    covariance, axes_J = np.diag(campaign.sigma_position**2), position_axes(campaign)
     if campaign.position_frame == "ITRF":
-        return np.broadcast_to(covariance, (campaign.images.t_ns.size, 3, 3))
+        return np.broadcast_to(covariance, axes_J.shape)
+    return np.asarray(axes_J @ covariance @ axes_J.mT)
+
+
+def position_axes(campaign: Campaign) -> Array:
+    """Axes in J of the frame in which the sigmas of the positions hold, at each image (m, 3, 3)."""
+    if campaign.position_frame == "ITRF":
+        return np.broadcast_to(np.eye(3), (campaign.images.t_ns.size, 3, 3))
     if campaign.orientation is None:
         raise ValueError("an inertial ephemeris needs the orientation of the Earth")
-    C_JI = campaign.orientation.C_IJ(campaign.images.t_ns).mT
-    return np.asarray(C_JI @ covariance @ C_JI.mT)
+    return campaign.orientation.C_IJ(campaign.images.t_ns).mT
 
 
-def _directions(campaign: Campaign, station: Stations, p_J: Array) -> dict[str, Array]:
+def _directions(campaign: Campaign, station: Stations, p_J: Array) -> dict[str, Any]:
     """Fields of :func:`sight` of markers p_J (n, 3) from the stations (n,) with the campaign's light effects."""
     s = station
     return sight(p_J, s.r_J, s.v_J, s.C_EJ, s.omega_E, s.line_period_s, campaign.corrections)

@@ -40,7 +40,8 @@ class Observations:
 
     Shared errors: ``cov_attitude_E`` (..., m, 3, 3) rad^2 about E's axes, ``cov_position_J`` (..., m, 3, 3) m^2,
     ``cov_landmark_J`` (..., L, 3, 3) m^2; ``common_px`` (..., n, 2, p), px, the residual by one sigma of each of p
-    errors that any other set of sightings has in common (a drift, a pass, the optics), None for none.
+    errors that any other set of sightings has in common (a drift, a pass, the optics), None for none; ``common_of``
+    (p,) names the source of each, None where that is not known.
 
     ``corrections`` are those in ``e_E``.  ``prior_E`` (3, 3) rad^2 is what was known of the model mounting's error
     ``theta_E``, None for nothing.  ``epoch_s`` (m,) is each image's time after the first one listed, s, None where
@@ -69,6 +70,7 @@ class Observations:
     prior_E: Array | None = None
     epoch_s: Array | None = None
     common_px: Array | None = None
+    common_of: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
         n = self.image.size
@@ -142,7 +144,7 @@ def sight(
     omega_E: Array,
     line_period_s: Array,
     corrections: Corrections,
-) -> dict[str, Array]:
+) -> dict[str, Any]:
     """Fields ``e_E``, ``row_rate_E``, ``range_m`` of sightings of markers p_J from stations (r_J, v_J, C_EJ, omega_E).
 
     ``d e_E/dt = omega_E x e_E + C_EJ d e_J/dt`` with ``d e_J/dt = -(v_J - e_J (e_J . v_J)) / range``; the change of the

@@ -29,7 +29,10 @@ def measure(truth: Observations, C_EK_true: Array, errors: Errors) -> Observatio
     late = o.line_period_s * errors.pixel[..., 1]
     if errors.late_s is not None:
         late = late + errors.late_s[..., o.image]
-    C_EJ = so3.exp(late[..., None] * o.omega_E + errors.alpha_E[..., o.image, :]) @ o.C_EJ
+    turn_E = late[..., None] * o.omega_E + errors.alpha_E[..., o.image, :]
+    if errors.turn_E is not None:
+        turn_E = turn_E + errors.turn_E
+    C_EJ = so3.exp(turn_E) @ o.C_EJ
     r_J = o.r_J + errors.rho_J[..., o.image, :] + late[..., None] * o.v_J
     p_J = o.p_J + errors.pi_J[..., o.landmark, :]
     return replace(o.with_geometry(C_EJ=C_EJ, r_J=r_J, p_J=p_J), xy_K=xy_K)

@@ -39,6 +39,22 @@ _ROTATIONS = ("quaternion_xyzw", "quaternion_wxyz", "matrix", "rotation_vector_d
 _SHARED = ("image", "pass", "session", "campaign")
 Shared = Annotated[Literal["image", "pass", "session", "campaign"], choice(*_SHARED)]
 """What has one draw of an error in common."""
+SharedOrSample = Annotated[
+    Literal["image", "pass", "session", "campaign", "sample"], choice(*_SHARED, "sample")
+]
+
+
+def sharing_rules(given: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """Complaints about keys of one section that say how its errors are shared."""
+    if "shared_by" in given and "correlation_time_s" in given:
+        yield "correlation_time_s", "found it beside shared_by, wanted only one of the two"
+
+
+class WanderConfig(Section):
+    """attitude.wander: an error that changes within an image, besides the one that its markers share."""
+
+    sigma_arcsec: Sigma = Field(description="its sigma, one number or three about the star tracker's axes")
+    correlation_time_s: Positive = Field(description="its correlation time, a positive number of seconds")
 
 
 class Rotation(Section):
@@ -98,8 +114,19 @@ class AttitudeConfig(Section):
     max_gap_s: Positive | None = Field(
         default=None, description="the largest spacing joined by interpolation, a positive number"
     )
-    shared_by: Shared | None = Field(
-        default=None, description='what has one attitude error: "image", "pass", "session" or "campaign"'
+    shared_by: SharedOrSample | None = Field(
+        default=None,
+        description='what has one attitude error: "image", "pass", "session", "campaign" or "sample"',
+    )
+    correlation_time_s: Positive | None = Field(
+        default=None,
+        description="in place of shared_by the correlation time of the error, a positive number of seconds",
+    )
+    wander: WanderConfig | None = Field(
+        default=None, description="a section with sigma_arcsec and correlation_time_s"
+    )
+    session_sigma_arcsec: Sigma | None = Field(
+        default=None, description="a further error of each session, one number or three"
     )
 
     @property
@@ -115,6 +142,7 @@ class AttitudeConfig(Section):
                 "from",
                 f'found "{ends[0]}" to "{ends[1]}", wanted GCRF (or J2000) or ITRF on exactly one side',
             )
+        yield from sharing_rules(given)
 
 
 class TrackerConfig(AttitudeConfig):
@@ -184,13 +212,19 @@ def _fusion_rules(given: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     if not isinstance(trackers, list) or not trackers:
         yield "trackers", f"found {show(trackers)}, wanted at least one table [[trackers]]"
         return
-    shared = [tracker.get("shared_by") for tracker in trackers if isinstance(tracker, dict)]
-    for i, word in enumerate(shared):
-        if word != shared[0]:
-            yield (
-                f"trackers.{i}.shared_by",
-                f"found {show(word)}, wanted {show(shared[0])} as for the first tracker",
-            )
+    for key in ("shared_by", "correlation_time_s"):
+        shared = [tracker.get(key) for tracker in trackers if isinstance(tracker, dict)]
+        for i, word in enumerate(shared):
+            if word != shared[0]:
+                yield (
+                    f"trackers.{i}.{key}",
+                    f"found {show(word)}, wanted {show(shared[0])} as for the first tracker",
+                )
+            elif word == "sample":
+                yield f"trackers.{i}.shared_by", 'found "sample", wanted it for one attitude only, [attitude]'
+    for i, tracker in enumerate(trackers):
+        if isinstance(tracker, dict) and "wander" in tracker:
+            yield f"trackers.{i}.wander", "found it for one of several trackers, wanted it in [attitude] only"
     names = [tracker_of(ends(tracker)) for tracker in trackers]
     for i, (tracker, name) in enumerate(zip(trackers, names, strict=True)):
         if name is None or frame is None:

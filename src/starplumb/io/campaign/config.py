@@ -25,7 +25,15 @@ from ..text.values import (
     choice,
     file_name,
 )
-from .attitude_config import AttitudeConfig, FusionConfig, Mounting, Shared, TrackerConfig, attitude_rules
+from .attitude_config import (
+    AttitudeConfig,
+    FusionConfig,
+    Mounting,
+    Shared,
+    TrackerConfig,
+    attitude_rules,
+    sharing_rules,
+)
 
 SUFFIXES = {
     "ephemeris": (*TABLE_SUFFIXES, ".oem", ".xml", ".sp3", ".bsp"),
@@ -116,9 +124,17 @@ class EphemerisConfig(Section):
     shared_by: Shared | None = Field(
         default=None, description='what has one position error: "image", "pass", "session" or "campaign"'
     )
+    correlation_time_s: Positive | None = Field(
+        default=None,
+        description="in place of shared_by the correlation time of the error, a positive number of seconds",
+    )
+    session_sigma_m: Sigma | None = Field(
+        default=None, description="a further error of each session, one number or three"
+    )
 
     @classmethod
     def rules(cls, given: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+        yield from sharing_rules(given)
         file = given.get("file", "")
         if "object" in given and (isinstance(file, InMemory) or str(file).lower().endswith(TABLE_SUFFIXES)):
             yield (
@@ -138,6 +154,9 @@ class LandmarksConfig(Section):
         default=None, description='"ellipsoidal" or "geoid"'
     )
     geoid: Text | None = Field(default=None, description="the name of a raster of the geoid's heights")
+    common_sigma_m: Sigma | None = Field(
+        default=None, description="a further error that the landmarks of one survey share (east, north, up)"
+    )
 
     @classmethod
     def rules(cls, given: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
@@ -217,11 +236,6 @@ class CampaignConfig(Section):
         if self.attitude is not None:
             return {"attitude": self.attitude}
         return {f"trackers.{i}": tracker for i, tracker in enumerate(self.trackers or ())}
-
-    @property
-    def attitude_shared_by(self) -> Literal["image", "pass", "session", "campaign"] | None:
-        """What has one attitude error in common; the rules want the trackers to agree."""
-        return next(iter(self.attitudes.values())).shared_by
 
     @classmethod
     def rules(cls, given: Mapping[str, Any]) -> Iterator[tuple[str, str]]:

@@ -57,7 +57,9 @@ def read_landmarks(source: TableSource, notices: list[str], ground: Ground | Non
         table = read_points(path, flat=ground is not None and ground.dem is not None)
     else:
         numbers = (*GEODETIC, *CARTESIAN, "sigma_m", *SIGMA_ENU)
-        table = read_table(source, texts=("landmark_id",), optional_numbers=numbers)
+        table = read_table(
+            source, texts=("landmark_id",), optional_texts=("source",), optional_numbers=numbers
+        )
     notices += table.notices
     return landmarks_from(table if ground is None else _raised(table, ground))
 
@@ -103,7 +105,13 @@ def landmarks_from(table: Table) -> Landmarks:
             table.numbers[name] >= 0.0, name, "a sigma in metres, 0 or more (0 claims an exact landmark)"
         )
     sigma = np.broadcast_to(table.columns(*columns), (len(table), 3))
-    return Landmarks(tuple(table.texts["landmark_id"]), r_J, _turned(sigma, latitude, longitude))
+    sources = table.texts.get("source")
+    return Landmarks(
+        tuple(table.texts["landmark_id"]),
+        r_J,
+        _turned(sigma, latitude, longitude),
+        sources=None if sources is None else tuple(sources),
+    )
 
 
 def _turned(sigma: Array, latitude: Array, longitude: Array) -> Array:
@@ -131,7 +139,10 @@ def require_radius(table: Table, r: Array, limits: tuple[float, float], what: st
 def read_images(source: TableSource, scale: str, scans: bool, notices: list[str]) -> Images:
     """Images with their epochs; the line period, which a line scanner needs and a frame camera has not."""
     table = read_table(
-        source, texts=("image_id", "time"), optional_texts=("tracker",), optional_numbers=("line_period_s",)
+        source,
+        texts=("image_id", "time"),
+        optional_texts=("tracker", "pass", "session"),
+        optional_numbers=("line_period_s", "sigma_time_s"),
     )
     notices += table.notices
     table.require_distinct("image_id", "each image once")
@@ -144,13 +155,19 @@ def read_images(source: TableSource, scale: str, scans: bool, notices: list[str]
     elif period is not None:
         notices.append(f"{source}: ignored the column line_period_s, which a frame camera does not have")
         period = None
-    tracker = table.texts.get("tracker")
+    sigma_time_s = table.numbers.get("sigma_time_s")
+    if sigma_time_s is not None:
+        table.require(sigma_time_s >= 0.0, "sigma_time_s", "a sigma in seconds, 0 or more")
+    names = {name: tuple(texts) for name, texts in table.texts.items()}
     return Images(
-        tuple(table.texts["image_id"]),
+        names["image_id"],
         epochs(table, scale),
         period,
         str(source),
-        None if tracker is None else tuple(tracker),
+        names.get("tracker"),
+        names.get("pass"),
+        names.get("session"),
+        sigma_time_s,
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +26,7 @@ from .attitude_config import Mounting
 from .camera import pixel_shift, read_camera
 from .config import CampaignConfig, LandmarksConfig
 from .settings import Settings, read_settings
+from .sharing import attitude_sharing, position_sharing
 
 _EXACT = 1e-6
 """A matrix this near to orthonormal is taken as a rotation written with its digits; beyond it a notice says
@@ -163,6 +164,8 @@ def _assemble(
     camera = read_camera(config.camera, files.get("camera.look_angles"), notices)
     images = markers.read_images(files["images.file"], scale, camera.scans, notices)
     landmarks = markers.read_landmarks(files["landmarks.file"], notices, _ground(config.landmarks, files))
+    if config.landmarks.common_sigma_m is not None:
+        landmarks = replace(landmarks, common_sigma=np.array(config.landmarks.common_sigma_m))
     grid = markers.Grid(*camera.size_px, shift_px=pixel_shift(config.camera))
     sightings, detections = _no_sightings(), None
     if "observations.file" in files:
@@ -198,8 +201,8 @@ def _assemble(
         sightings=sightings,
         corrections=Corrections(switches.light_time, switches.aberration, switches.refraction),
         orientation=orientation,
-        attitude_shared_by=config.attitude_shared_by,
-        position_shared_by=config.ephemeris.shared_by,
+        attitude_errors=attitude_sharing(config, attitude, exposures),
+        position_errors=position_sharing(config.ephemeris),
     )
     return campaign, detections
 

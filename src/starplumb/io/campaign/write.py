@@ -86,7 +86,15 @@ def _landmarks(landmarks: Landmarks) -> str:
     sigma = np.array(rounded).reshape(exact.shape)  # which an empty list has lost
     names, sigmas = (SIGMA_ENU, sigma) if np.ptp(sigma, axis=-1).any() else (("sigma_m",), sigma[:, :1])
     place = (latitude / DEG, longitude / DEG, height)
-    return csv_text(("landmark_id", *GEODETIC, *names), (landmarks.ids, *place, *sigmas.mT))
+    header, columns = ["landmark_id", *GEODETIC, *names], [landmarks.ids, *place, *sigmas.mT]
+    if landmarks.sources is not None:
+        header, columns = [*header, "source"], [*columns, landmarks.sources]
+    return csv_text(header, columns)
+
+
+def _common(landmarks: Landmarks) -> dict[str, object]:
+    """The key about what the landmarks of a survey share, where it is stated."""
+    return {} if landmarks.common_sigma is None else {"common_sigma_m": landmarks.common_sigma}
 
 
 def _images(campaign: Campaign, scale: str) -> str:
@@ -94,8 +102,15 @@ def _images(campaign: Campaign, scale: str) -> str:
     columns: dict[str, Sequence[object]] = {"image_id": images.ids, "time": times(images.t_ns, scale)}
     if images.line_period_s is not None:
         columns["line_period_s"] = images.line_period_s.tolist()
-    if images.tracker is not None:
-        columns["tracker"] = images.tracker
+    for name, texts in (
+        ("tracker", images.tracker),
+        ("pass", images.passes),
+        ("session", images.sessions),
+    ):
+        if texts is not None:
+            columns[name] = texts
+    if images.sigma_time_s is not None:
+        columns["sigma_time_s"] = images.sigma_time_s.tolist()
     return csv_text(tuple(columns), tuple(columns.values()))
 
 
@@ -122,7 +137,7 @@ def _sections(campaign: Campaign, scale: str, tracker: str, measured: str) -> Se
         "file": "ephemeris.csv",
         "frame": campaign.position_frame,
         "sigma_m": campaign.sigma_position,
-        **shared(campaign.position_shared_by),
+        **shared(campaign.position_errors, 1.0, "session_sigma_m"),
     }
     return [
         ("campaign", {"name": campaign.name, "time_scale": scale}),
@@ -130,7 +145,7 @@ def _sections(campaign: Campaign, scale: str, tracker: str, measured: str) -> Se
         ("mounting", _mounting(campaign, tracker)),
         ("ephemeris", ephemeris | gap(campaign.ephemeris.gap_s)),
         *attitude_sections(campaign, tracker),
-        ("landmarks", {"file": "landmarks.csv"}),
+        ("landmarks", {"file": "landmarks.csv"} | _common(campaign.landmarks)),
         ("images", {"file": "images.csv"}),
         (measured, {"file": f"{measured}.csv"}),
         ("corrections", vars(campaign.corrections)),

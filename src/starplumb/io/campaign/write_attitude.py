@@ -9,7 +9,7 @@ from ...physics.series import Attitude
 from ...physics.timescales import format_iso
 from ...physics.trackers import FusedAttitude, TrackerSeries
 from ...physics.units import ARCSEC
-from ...table.campaign import Campaign, SharedBy
+from ...table.campaign import Campaign, SharedErrors
 from ..tables.cells import Array
 from ..tables.read import Epochs
 from ..text.write import csv_text
@@ -41,7 +41,7 @@ def attitude_sections(campaign: Campaign, frame: str) -> Sections:
     """[attitude], or [[trackers]] and [fusion]; ``frame`` is the name of E."""
     attitude = campaign.attitude
     if isinstance(attitude, FusedAttitude):
-        stated = shared(campaign.attitude_shared_by)
+        stated = shared(campaign.attitude_errors, ARCSEC, "session_sigma_arcsec")
         trackers = [
             ("[trackers]", _tracker(i, tracker, frame) | stated)
             for i, tracker in enumerate(attitude.trackers)
@@ -50,7 +50,8 @@ def attitude_sections(campaign: Campaign, frame: str) -> Sections:
     keys: dict[str, object] = {"file": "attitude.csv", "from": attitude.frame, "to": frame}
     if campaign.cov_attitude_E.ndim == 2:
         keys["sigma_arcsec"] = in_unit(np.sqrt(np.diagonal(campaign.cov_attitude_E)), ARCSEC)
-    return [("attitude", keys | shared(campaign.attitude_shared_by) | gap(attitude.gap_s))]
+    stated = shared(campaign.attitude_errors, ARCSEC, "session_sigma_arcsec")
+    return [("attitude", keys | stated | gap(attitude.gap_s))]
 
 
 def _tracker(i: int, tracker: TrackerSeries, frame: str) -> dict[str, object]:
@@ -92,6 +93,17 @@ def gap(gap_s: float | None) -> dict[str, object]:
     return {} if gap_s is None else {"max_gap_s": gap_s}
 
 
-def shared(by: SharedBy | None) -> dict[str, object]:
-    """The key that states what has one error in common, where it is stated."""
-    return {} if by is None else {"shared_by": by}
+def shared(errors: SharedErrors, unit: float, session: str) -> dict[str, object]:
+    """The keys that state how errors are shared, where that is stated; ``session`` is the key of a session's own.
+
+    Raises ValueError for the errors of a session by several trackers, which are written nowhere.
+    """
+    keys: dict[str, object] = {"shared_by": errors.shared_by, "correlation_time_s": errors.correlation_time_s}
+    if errors.session_sigma is not None:
+        if errors.session_sigma.ndim > 1:
+            raise ValueError("errors of a session of several star trackers cannot be written")
+        keys[session] = in_unit(errors.session_sigma, unit)
+    if errors.wander_sigma is not None:
+        sigma = in_unit(errors.wander_sigma, unit)
+        keys["wander"] = {"sigma_arcsec": sigma, "correlation_time_s": errors.wander_time_s}
+    return {key: value for key, value in keys.items() if value is not None}

@@ -61,7 +61,8 @@ class TrackerConfig(Section):
 
 _DISTRIBUTED = ("distribution", "degrees_of_freedom")
 _KINDS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
-    "attitude": (("sigma_arcsec",), ("shared_by", "tracker", *_DISTRIBUTED)),
+    "attitude": (("sigma_arcsec",), ("shared_by", "tracker", "correlation_time_s", *_DISTRIBUTED)),
+    "wander": (("sigma_arcsec", "correlation_time_s"), ("tracker", *_DISTRIBUTED)),
     "drift": (("sigma_arcsec",), ("harmonics", "tracker", *_DISTRIBUTED)),
     "position": (("sigma_m",), ("shared_by", "frame", "correlation_time_s", *_DISTRIBUTED)),
     "landmark": (("sigma_m",), ("shared_by", *_DISTRIBUTED)),
@@ -73,9 +74,9 @@ _KINDS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "principal-point": (("sigma_px",), _DISTRIBUTED),
 }
 SHARED_BY = {
-    "attitude": ("image", "pass", "campaign"),
-    "position": ("image", "pass", "campaign"),
-    "time-tag": ("campaign", "image", "pass"),
+    "attitude": ("image", "pass", "session", "campaign"),
+    "position": ("image", "pass", "session", "campaign"),
+    "time-tag": ("campaign", "image", "pass", "session"),
     "landmark": ("marker", "campaign"),
 }
 """Who shares one draw of an error; the first is meant where nothing is said."""
@@ -97,10 +98,13 @@ class ErrorConfig(Section):
     size_px: Positive | None = Field(default=None, description="the sigma of a blunder, px")
     shared_by: (
         Annotated[
-            Literal["image", "pass", "campaign", "marker"], choice("image", "pass", "campaign", "marker")
+            Literal["image", "pass", "session", "campaign", "marker"],
+            choice("image", "pass", "session", "campaign", "marker"),
         ]
         | None
-    ) = Field(default=None, description='who shares one draw: "image", "pass", "campaign" or "marker"')
+    ) = Field(
+        default=None, description='who shares one draw: "image", "pass", "session", "campaign" or "marker"'
+    )
     tracker: Text | None = Field(default=None, description="the name of one of the [[trackers]]")
     harmonics: Annotated[tuple[int, ...], BeforeValidator(_harmonics)] = Field(
         default=(1,), description="multiples of the argument of latitude, such as [1, 2]"

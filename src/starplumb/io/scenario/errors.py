@@ -52,6 +52,10 @@ def _source(flight: Flight, name: str, error: ErrorConfig, tracker_axes: dict[st
     arcsec, metres = ARCSEC * np.array(error.sigma_arcsec or 0.0), np.array(error.sigma_m or 0.0)
     px = error.sigma_px or 0.0
     match error.error:
+        case "attitude" if error.correlation_time_s is not None:
+            return errors.correlated_attitude(flight, name, arcsec, axes, error.correlation_time_s, shape)
+        case "wander":
+            return errors.wander(flight, name, arcsec, axes, error.correlation_time_s or 1.0, shape)
         case "attitude":
             return errors.attitude(flight, name, arcsec, axes, shared_by, shape)
         case "drift":

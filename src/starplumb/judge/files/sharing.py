@@ -3,18 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...physics.covariance import square_root
-from ...physics.orbit import GM_EARTH
 from ...physics.trackers import FusedAttitude
 from ...physics.units import ARCSEC
 from ...table.campaign import Campaign
-from ...table.equation import linearise
-from ...table.observations import Observations
 from ..consistency import IMPLAUSIBLE_P, chi2_p
 from .evidence import NOTICEABLE, Evidence, growth, listed, worst
 from .image_errors import ImageErrors
@@ -35,10 +30,10 @@ def close_in_time(campaign: Campaign, errors: ImageErrors, covariance_E: Array) 
     missing = [
         section
         for section, stated in (
-            ("attitude", campaign.attitude_shared_by),
-            ("ephemeris", campaign.position_shared_by),
+            ("attitude", campaign.attitude_errors.stated),
+            ("ephemeris", campaign.position_errors.stated),
         )
-        if stated is None
+        if not stated
     ]
     seen = np.flatnonzero(errors.seen)
     order = seen[np.argsort(campaign.images.t_ns[seen], kind="stable")]
@@ -78,55 +73,6 @@ def _if_shared(errors: ImageErrors, order: Index, group: Index, kinds: tuple[sli
         np.add.at(sums, group, G[:, :, part])
         total += np.sum(sums @ errors.stated[order[first], part, part] @ sums.mT, axis=0)
     return total
-
-
-def shared(campaign: Campaign, o: Observations, C_EK: Array) -> Observations:
-    """The table ``o`` with the errors of attitude and position that a campaign states to be shared by several images.
-
-    Such an error is one of ``common_px``: its three unit draws of a group of images move each sighting of the group by
-    ``-H L`` or ``R L`` at the mounting ``C_EK``, L L^T the stated covariance; the images' own is then zero.
-    """
-    changes: dict[str, Array] = {}
-    columns = [] if o.common_px is None else [o.common_px]
-    if not campaign.shares_between_images:
-        return o
-    model = linearise(o, C_EK)
-    for by, name, slope in (
-        (campaign.attitude_shared_by, "cov_attitude_E", -model.H),
-        (campaign.position_shared_by, "cov_position_J", model.R),
-    ):
-        if by in (None, "image"):
-            continue
-        covariance = getattr(o, name)
-        group = passes(campaign) if by in ("pass", "session") else np.zeros(o.n_images, dtype=np.int64)
-        columns.append(_columns(slope @ square_root(covariance)[o.image], group[o.image]))
-        changes[name] = np.zeros_like(covariance)
-    return replace(
-        o,
-        common_px=np.concatenate(columns, axis=-1),
-        cov_attitude_E=changes.get("cov_attitude_E", o.cov_attitude_E),
-        cov_position_J=changes.get("cov_position_J", o.cov_position_J),
-    )
-
-
-def _columns(block: Array, group: Index) -> Array:
-    """Blocks (n, 2, 3), each in the columns of its group, (n, 2, 3 groups)."""
-    n, groups = len(block), int(group.max()) + 1
-    out = np.zeros((n, 2, groups, 3))
-    out[np.arange(n), :, group] = block
-    return out.reshape(n, 2, -1)
-
-
-def passes(campaign: Campaign) -> Index:
-    """The pass (m,) of each image: images less than half an orbit apart belong together."""
-    t_ns = campaign.images.t_ns
-    radius = float(np.median(np.linalg.norm(campaign.ephemeris.r_J, axis=-1)))
-    half_orbit_ns = 1e9 * np.pi * np.sqrt(radius**3 / GM_EARTH)
-    order = np.argsort(t_ns, kind="stable")
-    number = np.concatenate([[0], np.cumsum(np.diff(t_ns[order]) > half_orbit_ns)])
-    out = np.empty(t_ns.size, dtype=np.int64)
-    out[order] = number
-    return out
 
 
 def trackers(

@@ -1,0 +1,207 @@
+"""Errors of a campaign that several sightings share beyond their image or landmark, as sources of error.
+
+==================================== ==========================================================================
+``shared_by``                        one draw of the stated sigma for a pass, a session, the campaign, or a sample
+                                     of the attitude's series, from which epochs are interpolated with weights
+``correlation_time_s``               a process with the stated sigma and the correlation ``exp(-|dt| / time)``
+``wander``                           such a process within each image, besides
+``session_sigma``                    a further error, one draw a session
+``common_sigma`` of landmarks        a further error, one draw for each survey (column ``source``)
+``sigma_time_s`` of images           a time tag that is late, one draw an image
+==================================== ==========================================================================
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..physics.covariance import square_root
+from ..physics.earth import C_JT, itrf_to_geodetic
+from ..physics.errors import InputError
+from ..physics.orbit import GM_EARTH
+from ..physics.series import Attitude
+from .campaign import Campaign
+from .equation import linearise
+from .error_sources import Field, Source, as_stated, common_columns
+from .geometry import position_axes
+from .observations import Observations
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+MOST_NUMBERS = 1 << 26
+"""Doubles (0.5 GB) in what one sigma of each shared error does to each sighting."""
+FORGOTTEN = 20.0
+"""Correlation times after which a process remembers nothing (2e-9)."""
+NEGLIGIBLE = 1e-10
+"""Share of a process's variance that a draw may carry and yet be left out."""
+
+
+def passes(campaign: Campaign) -> Index:
+    """The pass (m,) of each image, in the order of time: as stated, else images less than half an orbit apart belong
+    together."""
+    if campaign.images.passes is not None:
+        return numbered(campaign.images.passes)
+    t_ns = campaign.images.t_ns
+    radius = float(np.median(np.linalg.norm(campaign.ephemeris.r_J, axis=-1)))
+    return chained(np.asarray(t_ns * 1e-9), np.pi * np.sqrt(radius**3 / GM_EARTH))
+
+
+def sessions(campaign: Campaign) -> Index:
+    """The session (m,) of each image: as stated, else its pass."""
+    stated = campaign.images.sessions
+    return passes(campaign) if stated is None else numbered(stated)
+
+
+def numbered(names: Sequence[str]) -> Index:
+    """Numbers of names, in the order in which they first occur."""
+    places = {name: i for i, name in enumerate(dict.fromkeys(names))}
+    return np.array([places[name] for name in names], dtype=np.int64)
+
+
+def chained(t_s: Array, gap_s: float) -> Index:
+    """Number of the chain of each time (m,): times less than a gap apart belong to one."""
+    order = np.argsort(t_s, kind="stable")
+    number = np.empty(t_s.size, dtype=np.int64)
+    number[order] = np.cumsum(np.diff(t_s[order], prepend=t_s[order[:1]]) > gap_s)
+    return number
+
+
+def with_shared(campaign: Campaign, o: Observations, C_EK: Array | Callable[[], Array]) -> Observations:
+    """The table ``o`` of a campaign with its shared errors among ``common_px``, as they act at the mounting C_EK.
+
+    The mounting may be given as what computes it: without shared errors nobody asks.
+    An error that is shared between images is then no longer the images' own.  Raises InputError where there are too
+    many sightings for so many errors.
+    """
+    sources = shared_sources(campaign, o)
+    if not sources:
+        return o
+    draws = sum(source.groups * source.component.size for source in sources)
+    if 2 * o.n * draws > MOST_NUMBERS:
+        raise InputError(
+            f"campaign {campaign.name!r}: found {o.n} sightings that share {draws} errors, wanted at most "
+            f"{MOST_NUMBERS // (2 * o.n)} for so many; state fewer groups or a longer correlation time"
+        )
+    own: dict[str, Any] = {}
+    mounting = C_EK() if callable(C_EK) else C_EK
+    if campaign.attitude_errors.moved:
+        own["cov_attitude_E"] = np.zeros_like(o.cov_attitude_E)
+    if campaign.position_errors.moved:
+        own["cov_position_J"] = np.zeros_like(o.cov_position_J)
+    return replace(o, **common_columns(sources, o, linearise(o, mounting)), **own)
+
+
+def shared_sources(campaign: Campaign, o: Observations) -> tuple[Source, ...]:
+    """The errors of a campaign that its table does not have a place of their own for."""
+    return (*_attitude(campaign, o), *_position(campaign), *_landmarks(campaign), *_times(campaign))
+
+
+def _attitude(c: Campaign, o: Observations) -> Iterator[Source]:
+    stated = c.attitude_errors
+    root = square_root(o.cov_attitude_E)
+    t_s = (c.images.exposed(o.image, c.sightings.row_px) - c.images.t_ns.min()) * 1e-9
+    if stated.shared_by == "sample":
+        yield _of_samples(c.one_attitude, c.images.exposed(o.image, c.sightings.row_px), root[o.image])
+    else:
+        yield from _moved(c, "attitude", "alpha_E", root)
+    if stated.wander_sigma is not None:
+        L = np.broadcast_to(np.diag(stated.wander_sigma), (o.n, 3, 3))
+        yield correlated("attitude wander", "turn_E", L, t_s, o.image, stated.wander_time_s)
+    if stated.session_sigma is not None:
+        own = stated.session_sigma
+        L = np.broadcast_to(np.diag(own) if own.ndim == 1 else own, (o.n_images, 3, 3))
+        yield as_stated("attitude session", "alpha_E", L, sessions(c))
+
+
+def _position(c: Campaign) -> Iterator[Source]:
+    axes_J, stated = position_axes(c), c.position_errors
+    yield from _moved(c, "position", "rho_J", axes_J * c.sigma_position)
+    if stated.session_sigma is not None:
+        yield as_stated("position session", "rho_J", axes_J * stated.session_sigma, sessions(c))
+
+
+def _moved(c: Campaign, name: str, field: Field, L: Array) -> Iterator[Source]:
+    """The stated error of each image, L (m, 3, 3) its square root, where images share it."""
+    stated = c.attitude_errors if field == "alpha_E" else c.position_errors
+    if stated.correlation_time_s is not None:
+        t_s = (c.images.t_ns - c.images.t_ns.min()) * 1e-9
+        time_s = stated.correlation_time_s
+        yield correlated(name, field, L, t_s, chained(t_s, FORGOTTEN * time_s), time_s)
+    elif stated.moved:
+        yield as_stated(name, field, L, groups(c, stated.shared_by))
+
+
+def groups(c: Campaign, shared_by: str | None) -> Index:
+    """Which draw each image (m,) takes."""
+    match shared_by:
+        case "pass":
+            return passes(c)
+        case "session":
+            return sessions(c)
+        case "campaign":
+            return np.zeros(len(c.images.ids), dtype=np.int64)
+    return np.arange(len(c.images.ids))
+
+
+def _landmarks(c: Campaign) -> Iterator[Source]:
+    if c.landmarks.common_sigma is None:
+        return
+    latitude, longitude, _ = itrf_to_geodetic(c.landmarks.r_J)
+    names = c.landmarks.sources or ("",) * len(c.landmarks.ids)
+    yield as_stated("survey", "pi_J", C_JT(latitude, longitude) * c.landmarks.common_sigma, numbered(names))
+
+
+def _times(c: Campaign) -> Iterator[Source]:
+    if c.images.sigma_time_s is not None:
+        m = len(c.images.ids)
+        yield as_stated("time", "late_s", c.images.sigma_time_s[:, None, None], np.arange(m))
+
+
+def correlated(name: str, field: Field, L: Array, t_s: Array, group: Index, time_s: float) -> Source:
+    """Elements off by ``L_j x(t_j)``, x a process of variance 1 and correlation ``exp(-|dt| / time)`` in each group.
+
+    ``L`` (J, d, d), ``t_s`` and ``group`` (J,).  With the correlation ``R = U w U^T`` of a group of r draws, the
+    pattern (J, d, d r) is L times ``U sqrt(w)``.
+    """
+    roots = {int(g): _root(t_s[group == g], time_s) for g in np.unique(group)}
+    width, d = max((root.shape[1] for root in roots.values()), default=0), L.shape[-1]
+    pattern = np.zeros((t_s.size, d, width * d))
+    for g, root in roots.items():
+        members, r = group == g, root.shape[1]
+        blocks = L[members][:, :, None, :] * root[:, None, :, None]
+        pattern[members, :, : r * d] = blocks.reshape(-1, d, r * d)
+    return as_stated(name, field, pattern, group)
+
+
+def _root(t_s: Array, time_s: float) -> Array:
+    """A square root (k, r) of the correlation of times (k,), with as few columns as it needs."""
+    values, vectors = np.linalg.eigh(np.exp(-np.abs(t_s[:, None] - t_s) / time_s))
+    kept = values > NEGLIGIBLE * values[-1]
+    return np.asarray(vectors[:, kept] * np.sqrt(values[kept]))
+
+
+def _of_samples(attitude: Attitude, t_ns: NDArray[np.int64], L: Array) -> Source:
+    """White noise of the samples of a series, as it is interpolated at epochs (n,); L (n, 3, 3) its square root.
+
+    Epochs that have samples in common, even by way of others, form a group.
+    """
+    samples, weights = attitude.weights(t_ns)
+    used, place = np.unique(np.where(weights != 0.0, samples, samples[:, :1]), return_inverse=True)
+    place = place.reshape(samples.shape)
+    joined = np.zeros(used.size + 1, dtype=np.int64)  # windows that reach over the gap behind each sample
+    np.add.at(joined, np.min(place, axis=1), 1)
+    np.add.at(joined, np.max(place, axis=1), -1)
+    chain = np.concatenate([[0], np.cumsum(np.cumsum(joined)[: used.size - 1] == 0)])
+    first = np.searchsorted(chain, np.arange(chain[-1] + 1))
+    group = chain[place[:, 0]]
+    width = int(np.max(np.bincount(chain)))
+    shares = np.zeros((t_ns.size, width))
+    np.add.at(shares, (np.arange(t_ns.size)[:, None], place - first[group][:, None]), weights)
+    pattern = L[:, :, None, :] * shares[:, None, :, None]
+    return as_stated("attitude", "turn_E", pattern.reshape(t_ns.size, 3, 3 * width), group)
