@@ -14,7 +14,13 @@ from starplumb.estimators.protocol import Rival, Status
 from starplumb.estimators.robust import Robust
 from starplumb.judge import calibrate as judge
 from starplumb.judge.consistency import findings
-from starplumb.judge.contradictions import Support, rejected_images, rival, worse_on_the_ground
+from starplumb.judge.contradictions import (
+    Support,
+    rejected_images,
+    rejected_sightings,
+    rival,
+    worse_on_the_ground,
+)
 from starplumb.judge.from_data import ImageRotations, disagreement_p, half_widths_95, image_rotations
 from starplumb.judge.residuals import Accuracy
 from starplumb.judge.snooping import fit_at
@@ -152,6 +158,33 @@ def test_more_than_a_tenth_of_the_images_rejected_is_weak():
     found = rejected_images(support(out=(3, 4, 11)))
     assert found.weight == 1
     assert all(support().campaign.images.ids[i] in found.sentence for i in (3, 4, 11))
+
+
+@pytest.mark.parametrize(("rejected", "refutes"), [(9, False), (10, True), (19, True)])
+def test_an_answer_of_a_minority_of_the_images_is_refuted(rejected, refutes):
+    found = rejected_images(support(out=range(rejected)))
+    assert found.refutes is refutes
+    assert f"{rejected} of 20 images" in found.sentence
+    assert ("starplumb diagnose" in found.sentence) is True
+
+
+@pytest.mark.parametrize(
+    ("images_left", "p", "refutes"),
+    [
+        (6, None, False),  # of 20 alike: 30 % of the sightings
+        (5, None, True),
+        (6, 0.5, False),
+        (5, 0.5, True),
+        (9, 0.9e-4, True),
+        (9, 1.1e-4, False),
+        (10, 0.9e-4, False),
+    ],
+)
+def test_a_minority_of_sightings_must_fit_and_be_more_than_three_tenths(images_left, p, refutes):
+    found = rejected_sightings(support(out=range(20 - images_left)), p)
+    assert (found is not None and found.refutes) is refutes
+    if found is not None:
+        assert f"{4 * (20 - images_left)} of 80 sightings are rejected" in found.sentence
 
 
 def calibrated(monkeypatch, campaign, table, estimator):

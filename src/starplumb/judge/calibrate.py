@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..estimators.campaign_table import table_of
-from ..estimators.fit import Unknowns
+from ..estimators.fit import Fit, Unknowns
 from ..estimators.gls import Gls
 from ..estimators.protocol import AlignmentEstimate, Estimator, Status, Verdict
 from ..physics import so3
@@ -17,7 +17,15 @@ from ..physics.errors import InputError
 from ..table.campaign import Campaign
 from ..table.observations import Observations
 from .consistency import EXACT, chi2_p, findings
-from .contradictions import Support, culprit, disagreement, rejected_images, rival, worse_on_the_ground
+from .contradictions import (
+    Support,
+    culprit,
+    disagreement,
+    rejected_images,
+    rejected_sightings,
+    rival,
+    worse_on_the_ground,
+)
 from .files.evidence import Evidence
 from .files.findings import findings_of_files
 from .from_data import ImageRotations, half_widths_95, image_rotations
@@ -25,6 +33,7 @@ from .residuals import Accuracy, Residuals, residuals
 from .separability import UNKNOWN, Combination, combinations, ruins_alignment, without_gain
 from .snooping import Rejection, Snooping, fit_at, recognised, rejections, snoop
 from .trust import Finding, interval_95, judged, said
+from .unmodelled import unmodelled
 
 Array = NDArray[np.float64]
 
@@ -90,9 +99,7 @@ class Calibration:
     @property
     def chi2_p(self) -> float | None:
         """Probability of a chi-square at least this large; None where the method has none."""
-        if self.estimate.chi2 is None or self.estimate.degrees_of_freedom is None:
-            return None
-        return chi2_p(float(self.estimate.chi2), int(self.estimate.degrees_of_freedom))
+        return _chi2_p(self.estimate)
 
     def accuracy(self, after: bool, check: bool = False) -> Accuracy | None:
         """Geolocation accuracy of the control or check points, before or after; None where it cannot be said."""
@@ -134,6 +141,7 @@ def calibrate(campaign: Campaign, estimator: Estimator) -> Calibration:
         *(Finding(e.text, e.weakens, refutes=e.refuses, covariance_E=e.covariance_E) for e in evidence),
         *(Finding(c.sentence, c.growth >= UNKNOWN) for c in traded),
         *_consistent(support, estimate, again, snooping),
+        *_unmodelled(campaign, fit, estimate),
         *(Finding(sentence, False) for sentence in _remarks(estimate, untested=tested and snooping is None)),
     ]
     ruined = ruins_alignment(list(traded))
@@ -144,7 +152,7 @@ def calibrate(campaign: Campaign, estimator: Estimator) -> Calibration:
         estimate=estimate,
         residuals=left,
         status=status,
-        sentences=said(found) if own.usable else (own.text, *said(found)),
+        sentences=said(found) if own.usable else (_without_answer(own), *said(found)),
         rejected=() if snooping is None else rejections(fit, snooping, verdict),
         snooping=snooping,
         combinations=traded,
@@ -152,6 +160,18 @@ def calibrate(campaign: Campaign, estimator: Estimator) -> Calibration:
         evidence=evidence,
         interval_95_E=_interval(estimate, images, found) if status.usable else None,
     )
+
+
+def _chi2_p(estimate: AlignmentEstimate) -> float | None:
+    """Probability of a chi-square at least as large as that of an estimate; None where it has none."""
+    if estimate.chi2 is None or estimate.degrees_of_freedom is None:
+        return None
+    return chi2_p(float(estimate.chi2), int(estimate.degrees_of_freedom))
+
+
+def _without_answer(own: Status) -> str:
+    """Why there is no answer, and what to do where an input may be wrong."""
+    return f"{own.text}; run starplumb diagnose" if own is Status.NOT_CONVERGED else own.text
 
 
 def _answered(estimate: AlignmentEstimate) -> tuple[AlignmentEstimate, Status]:
@@ -169,8 +189,9 @@ def contradictions(
     if not Status(int(estimate.status)).usable:
         return []
     before, after = (Accuracy.of(errors[support.used]) for errors in (left.before_m, left.after_m))
-    out = rejected_images(support) if estimate.verdict is not None else None
-    found = [rival(support, estimate.rival), worse_on_the_ground(before, after), out, disagreement(images)]
+    found = [rival(support, estimate.rival), worse_on_the_ground(before, after), disagreement(images)]
+    if estimate.verdict is not None:
+        found += [rejected_images(support), rejected_sightings(support, _chi2_p(estimate))]
     return [finding for finding in found if finding is not None]
 
 
@@ -180,14 +201,22 @@ def _consistent(
     """What the consistency checks say, and which part fits worst where chi-square is improbable."""
     kept = _kept(support.observations, support.used)
     found = findings(kept, support.campaign.C_EK, estimate, again)
-    if snooping is None or estimate.chi2 is None or estimate.degrees_of_freedom is None:
-        return found
-    if chi2_p(float(estimate.chi2), int(estimate.degrees_of_freedom)) >= IMPROBABLE_P:
+    p = _chi2_p(estimate)
+    if snooping is None or p is None or p >= IMPROBABLE_P:
         return found
     worst = culprit(support.campaign, support.observations, snooping.tested, support.used)
     weakest = max((finding for finding in found), key=lambda finding: finding.weight, default=None)
     heavy = weakest is not None and weakest.weight > 0
     return [*found, Finding(worst, heavy, refutes=heavy and weakest is not None and weakest.refutes)]
+
+
+def _unmodelled(campaign: Campaign, fit: Fit, estimate: AlignmentEstimate) -> list[Finding]:
+    """What single number of the campaign's description looks wrong to a usable answer of known residuals."""
+    if not Status(int(estimate.status)).usable or estimate.unknowns is None or estimate.chi2 is None:
+        return []
+    dof = 0 if estimate.degrees_of_freedom is None else int(estimate.degrees_of_freedom)
+    found = unmodelled(campaign, fit, float(estimate.chi2) / max(dof, 1))
+    return [] if found is None else [found]
 
 
 def _remarks(estimate: AlignmentEstimate, *, untested: bool) -> list[str]:

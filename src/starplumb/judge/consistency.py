@@ -108,7 +108,9 @@ def _chi_square(o: Observations, estimate: AlignmentEstimate) -> Finding | None:
     if p < IMPLAUSIBLE_P:
         refutes = bool(chi2 > ABSURD * dof)
         meaning = (
-            "neither the answer nor its sigma can be believed" if refutes else "the interval is widened by it"
+            "neither the answer nor its sigma can be believed: run starplumb diagnose"
+            if refutes
+            else "the interval is widened by it"
         )
         return Finding(
             f"chi-square {chi2:.1f} for {dof} degrees of freedom is implausible (p = {p:.1e}): the residuals are "

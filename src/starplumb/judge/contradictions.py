@@ -25,6 +25,10 @@ NOTICED = 0.15
 """Support of a rival answer, over that of the answer, from which on it weakens."""
 IMAGES_OUT = 0.1
 """Share of the images up to which they may be rejected as a whole."""
+MINORITY = 0.5
+"""Share of the images rejected from which on those left are no majority: the answer is one of several."""
+FEW_LEFT = 0.3
+"""Share of the sightings below which those left may agree by chance, or because they lie together."""
 DISAGREE_P = 1e-3
 """Probability of the scatter of the images below which they are said to disagree."""
 WORSE = 1.5
@@ -81,10 +85,33 @@ def rejected_images(support: Support) -> Finding | None:
     total = int(np.sum(offered > 0))
     if out.size <= IMAGES_OUT * total:
         return None
+    found = f"{out.size} of {total} images ({support.images(out)}) are rejected as a whole"
+    if out.size >= MINORITY * total:
+        return Finding(
+            f"{found}: those left are no majority, and an input that all images share may be wrong; run starplumb "
+            "diagnose",
+            True,
+            refutes=True,
+        )
     return Finding(
-        f"{out.size} of {total} images ({support.images(out)}) are rejected as a whole, more than a tenth: what makes "
-        "them differ may be in the others too; look at their times and attitude, or run starplumb diagnose",
+        f"{found}, more than a tenth: what makes them differ may be in the others too; look at their times and "
+        "attitude, or run starplumb diagnose",
         True,
+    )
+
+
+def rejected_sightings(support: Support, p: float | None) -> Finding | None:
+    """Too few sightings left to speak for an answer, or a minority whose own chi-square is improbable (``p``)."""
+    offered, used = int(np.sum(support.offered)), int(np.sum(support.used))
+    contradictory = used < MINORITY * offered and p is not None and p < CULPRIT_P
+    if used >= FEW_LEFT * offered and not contradictory:
+        return None
+    return Finding(
+        f"{offered - used} of {offered} sightings are rejected, and those left "
+        f"{'do not agree either' if contradictory else 'may agree by chance'}: an input that all share may be wrong; "
+        "run starplumb diagnose",
+        True,
+        refutes=True,
     )
 
 

@@ -97,6 +97,11 @@ def unknowns(campaign: Campaign) -> list[Mistake]:
     ]
 
 
+def numbers(campaign: Campaign) -> list[Mistake]:
+    """Those that are one number."""
+    return [m for m in unknowns(campaign) if len(m.free) == len(m.free[0].names) == 1]
+
+
 _HEIGHT = (
     "the heights of all landmarks are {} too {low} against the ellipsoid (heights above the geoid or sea level?)",
     'state landmarks.heights = "geoid" with landmarks.geoid, or give heights above the WGS84 ellipsoid',
