@@ -406,7 +406,7 @@ def test_written_and_read_again(fusion, tmp_path, rng):
         assert (a.name, a.attitude.gap_s) == (b.name, b.attitude.gap_s)
         np.testing.assert_allclose(a.C_EA, b.C_EA, atol=1e-15)
         np.testing.assert_allclose(a.attitude.q_EF, b.attitude.q_EF, atol=1e-15)
-        np.testing.assert_allclose(a.sigma_A, b.sigma_A, rtol=1e-14)
+        np.testing.assert_allclose(a.sigma_S, b.sigma_S, rtol=1e-14)
     np.testing.assert_allclose(again.cov_attitude_E, campaign.cov_attitude_E, rtol=1e-9, atol=1e-24)
 
 
@@ -497,8 +497,8 @@ BAD = {
         "trackers.1.sigma_arcsec: missing",
     ),
     "unknown": (
-        (STR_2, STR_2 + "sigma = 3\n"),
-        "trackers.1.sigma: unknown key, wanted one of file",
+        (STR_2, STR_2 + "noise = 3\n"),
+        "trackers.1.noise: unknown key, wanted one of file",
     ),
 }
 

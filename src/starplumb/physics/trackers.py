@@ -9,7 +9,7 @@ does not.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -35,31 +35,40 @@ MOST_STEPS = 50
 class TrackerSeries:
     """One star tracker: its ``attitude`` C_AJ, its own mounting ``C_EA`` (3, 3), taken as exact, and its noise.
 
-    ``sigma_A`` (3,) or at the samples (n, 3), rad about its own axes.
+    ``sigma_S`` (3,) or at the samples (n, 3), rad about the axes of S, which ``C_AS`` (3, 3) takes to its own.
     """
 
     name: str
     attitude: Attitude
     C_EA: Array
-    sigma_A: Array
+    sigma_S: Array
+    C_AS: Array = field(default_factory=lambda: np.eye(3))
 
     def covers(self, t_ns: Epochs) -> Mask:
         """Whether epochs (m,) lie within its samples."""
         return self.attitude.bursts.covers(t_ns)
 
     def covariance_E(self, t_ns: Epochs) -> Array:
-        """``C_EA S^2 C_EA^T`` (m, 3, 3) rad^2 at epochs (m,); sigmas are linear between samples."""
-        sigma = np.broadcast_to(sigma_at(t_ns, self.attitude.t_ns, self.sigma_A), (t_ns.size, 3))
-        scaled = self.C_EA * sigma[:, None, :]
-        return np.asarray(scaled @ scaled.mT)
+        """``C_ES sigma_S^2 C_ES^T`` (m, 3, 3) rad^2 at epochs (m,); sigmas are linear between samples."""
+        covariance = covariance_at(t_ns, self.attitude.t_ns, self.sigma_S, self.C_EA @ self.C_AS)
+        return np.broadcast_to(covariance, (t_ns.size, 3, 3))
+
+    def sigma_A(self, t_ns: Epochs) -> Array:
+        """Sigmas (m, 3) rad about its own axes at epochs (m,)."""
+        covariance_A = covariance_at(t_ns, self.attitude.t_ns, self.sigma_S, self.C_AS)
+        variance = np.diagonal(covariance_A, axis1=-2, axis2=-1)
+        return np.broadcast_to(np.sqrt(variance), (t_ns.size, 3))
 
 
-def sigma_at(t_ns: Epochs, samples_t_ns: Epochs, sigma: Array) -> Array:
-    """Sigmas (m, 3) at epochs (m,), linear between those of the samples (n, 3); one sigma (3,) stays as it is."""
-    if sigma.ndim == 1:
-        return sigma
-    at, known = seconds(t_ns - samples_t_ns[0]), seconds(samples_t_ns - samples_t_ns[0])
-    return np.stack([np.interp(at, known, column) for column in sigma.mT], axis=-1)
+def covariance_at(t_ns: Epochs, samples_t_ns: Epochs, sigma_S: Array, C_AS: Array) -> Array:
+    """``C_AS diag(sigma_S^2) C_AS^T`` at epochs (m,): (m, 3, 3) rad^2 of sigmas at samples (n, 3), linear between them,
+    or one (3, 3) of sigmas (3,) that hold always."""
+    sigma = sigma_S
+    if sigma.ndim == 2:
+        at, known = seconds(t_ns - samples_t_ns[0]), seconds(samples_t_ns - samples_t_ns[0])
+        sigma = np.stack([np.interp(at, known, column) for column in sigma.mT], axis=-1)
+    scaled = C_AS * sigma[..., None, :]
+    return np.asarray(scaled @ scaled.mT)
 
 
 def fusion_weights(covariance_E: Array, used: Mask, fusion: Fusion) -> Array:
@@ -142,13 +151,12 @@ class FusedAttitude:
         W = self._weights(t_ns, used)
         return np.asarray(np.sum(W @ self._covariances(t_ns) @ W.mT, axis=0))
 
-    def root_E(self, t_ns: Epochs, sigma_A: Array) -> Array:
-        """Symmetric square root (m, 3, 3) rad of ``sum_j W_j S_j W_j^T``, S_j of further sigmas (k, 3) of the trackers
-        about their own axes."""
+    def root_E(self, t_ns: Epochs, roots_E: Array) -> Array:
+        """Symmetric square root (m, 3, 3) rad of ``sum_j W_j L_j L_j^T W_j^T``, L_j (k, 3, 3) of further errors of the
+        trackers, turned into E."""
         used = self.used(t_ns)
         used = used | ~np.any(used, axis=0)
-        turned = np.stack([t.C_EA * sigma for t, sigma in zip(self.trackers, sigma_A, strict=True)])
-        G = self._weights(t_ns, used) @ turned[:, None]
+        G = self._weights(t_ns, used) @ roots_E[:, None]
         return square_root(np.sum(G @ G.mT, axis=0))
 
     def residuals(self, t_ns: Epochs) -> Array:

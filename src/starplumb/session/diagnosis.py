@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ..documents.numbers import numbers
-from ..io.campaign.attitude_config import CAMERA
+from ..io.campaign.fixed_frames import CAMERA
 from ..io.tables.read import read_table
 from ..judge.conventions.mistake import Mistake, Written
 from ..judge.diagnose import Diagnosis as Findings

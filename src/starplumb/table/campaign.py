@@ -27,9 +27,9 @@ class SharedErrors:
     """How the errors of attitude (rad, about E's axes) or position (m, along the axes of its sigmas) are shared.
 
     ``shared_by`` says what has one draw of the stated sigma, None where that is not stated: as "image";
-    ``correlation_time_s`` makes it a process in time instead.  ``session_sigma`` (3,), or its square root (m, 3, 3) of
-    each image, is a further error, one draw a session, and ``wander_sigma`` (3,) one that changes within an image over
-    ``wander_time_s``.
+    ``correlation_time_s`` makes it a process in time instead.  ``session_sigma`` (3,), or its square root (3, 3) or
+    (m, 3, 3) of each image, is a further error, one draw a session, and ``wander_sigma`` (3,), or its square root
+    (3, 3), one that changes within an image over ``wander_time_s``.
     """
 
     shared_by: SharedBy | None = None

@@ -111,7 +111,8 @@ def _attitude(c: Campaign, o: Observations) -> Iterator[Source]:
     else:
         yield from _moved(c, "attitude", "alpha_E", root)
     if stated.wander_sigma is not None:
-        L = np.broadcast_to(np.diag(stated.wander_sigma), (o.n, 3, 3))
+        own = stated.wander_sigma
+        L = np.broadcast_to(np.diag(own) if own.ndim == 1 else own, (o.n, 3, 3))
         yield correlated("attitude wander", "turn_E", L, t_s, o.image, stated.wander_time_s)
     if stated.session_sigma is not None:
         own = stated.session_sigma

@@ -9,19 +9,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...judge.consistency import IMPLAUSIBLE_P, chi2_p
-from ...physics import so3
 from ...physics.errors import InputError
 from ...physics.orientation import EarthOrientation
 from ...physics.series import Attitude
-from ...physics.trackers import FusedAttitude, TrackerSeries, sigma_at
+from ...physics.trackers import FusedAttitude, TrackerSeries, covariance_at
 from ...physics.units import ARCSEC, DEG
 from ...table.campaign import Images
 from ..tables.cells import Array
 from ..tables.read import Epochs, TableSource
 from ..text.files import show
 from . import motion
-from .attitude_config import CAMERA, AttitudeConfig, Mounting, Rotation, TrackerConfig
+from .attitude_config import AttitudeConfig, Mounting
 from .config import CampaignConfig
+from .fixed_frames import CAMERA, Frames, way
 from .motion import AttitudeSamples
 
 Index = NDArray[np.int64]
@@ -64,23 +64,31 @@ def read_attitude(
         key: motion.read_attitude(files[f"{key}.file"], section, scale, notices, key)
         for key, section in config.attitudes.items()
     }
+    frames = config.joined_frames
     if config.attitude is not None:
-        samples = read["attitude"]
-        sigma = _sigma(settings, "attitude", config.attitude, samples, notices)
-        cov_E = sigma_at(exposures.images.t_ns, samples.t_ns, sigma)[..., None] ** 2 * np.eye(3)
-        return motion.attitude_series(samples, config.attitude, orientation), cov_E
+        own, samples = config.attitude, read["attitude"]
+        C_EA = way(frames, config.tracker, own.tracker)
+        sigma, C_AS = _spread(settings, "attitude", own, samples, frames, notices)
+        if own.tracker != config.tracker and own.sigma_frame is None and np.ptp(sigma, axis=-1).any():
+            raise InputError(
+                f"{settings}: attitude.sigma_frame: missing, wanted {show(own.tracker)} or {show(config.tracker)}: "
+                "the attitude is that of the one and the mounting that of the other, and the sigmas differ by axis"
+            )
+        cov_E = covariance_at(exposures.images.t_ns, samples.t_ns, sigma, C_EA @ C_AS)
+        turn = None if own.tracker == config.tracker else C_EA
+        return motion.attitude_series(samples, own, orientation, turn), cov_E
     assert config.fusion is not None, "the rules want it with trackers"
     trackers = tuple(
         TrackerSeries(
             tracker.tracker,
-            motion.attitude_series(read[f"trackers.{i}"], tracker, orientation),
-            tracker_mounting(tracker),
-            _sigma(settings, f"trackers.{i}", tracker, read[f"trackers.{i}"], notices),
+            motion.attitude_series(read[key], tracker, orientation),
+            way(frames, config.tracker, tracker.tracker),
+            *_spread(settings, key, tracker, read[key], frames, notices),
         )
-        for i, tracker in enumerate(config.trackers or ())
+        for key, tracker in config.attitudes.items()
     )
     for i, tracker in enumerate(trackers):
-        if np.any(tracker.sigma_A <= 0.0):
+        if np.any(tracker.sigma_S <= 0.0):
             found = "found 0, which gives the tracker all the weight"
             raise InputError(f"{settings}: trackers.{i}.sigma_arcsec: {found}, wanted positive numbers")
     fused = FusedAttitude(trackers, config.fusion.method)
@@ -89,59 +97,44 @@ def read_attitude(
     return fused, fused.covariance_E(exposures.of_image)
 
 
-def rotation(config: Rotation) -> Array:
-    """The matrix that takes coordinates in ``from`` to those in ``to``, whichever way the section is written."""
-    if config.quaternion_xyzw is not None:
-        return so3.from_quaternion(config.quaternion_xyzw)
-    if config.quaternion_wxyz is not None:
-        return so3.from_quaternion(np.roll(config.quaternion_wxyz, -1))
-    if config.matrix is not None:
-        return so3.nearest(config.matrix)
-    if config.rotation_vector_deg is not None:
-        return so3.exp(DEG * np.array(config.rotation_vector_deg))
-    if config.euler_deg is not None and config.euler_order is not None:
-        return _from_euler(config.euler_deg, config.euler_order)
-    raise ValueError("the section states no rotation")
+def model_mounting(config: Mounting, frames: Frames | None = None) -> Array:
+    """C_EK of the [mounting] section, in whichever direction it is written; ``frames`` join K with the side of it that
+    is fixed to the camera."""
+    frames = frames or Frames()
+    at_camera = config.source in frames.joined(CAMERA)
+    C_EV, V = (config.C, config.source) if at_camera else (config.C.mT, config.target)
+    return C_EV if V == CAMERA else C_EV @ way(frames, V, CAMERA)
 
 
-def model_mounting(config: Mounting) -> Array:
-    """C_EK of the [mounting] section, in whichever direction it is written."""
-    C = rotation(config)
-    return C if config.source == CAMERA else C.mT
+def _spread(
+    settings: str,
+    key: str,
+    config: AttitudeConfig,
+    samples: AttitudeSamples,
+    frames: Frames,
+    notices: list[str],
+) -> tuple[Array, Array]:
+    """Sigmas (3,) or those of the table (n, 3), rad, about the axes of S, and ``C_AS`` (3, 3) to the attitude's own.
 
-
-def tracker_mounting(config: TrackerConfig) -> Array:
-    """C_EA of a tracker's own mounting; the identity where its frame is E."""
-    if config.mounting is None:
-        return np.eye(3)
-    C = rotation(config.mounting)
-    return C if config.mounting.source == config.tracker else C.mT
-
-
-def _from_euler(angles_deg: tuple[float, ...], order: str) -> Array:
-    """Product of the three turns, in the order written about turned axes (capitals), else about fixed
-    ones."""
-    axes = np.eye(3)
-    turns = [
-        so3.exp(a * DEG * axes["xyz".index(axis)]) for a, axis in zip(angles_deg, order.lower(), strict=True)
-    ]
-    first, second, third = turns if order.isupper() else reversed(turns)
-    return np.asarray(first @ second @ third)
-
-
-def _sigma(
-    settings: str, key: str, config: AttitudeConfig, samples: AttitudeSamples, notices: list[str]
-) -> Array:
-    """The table's own sigmas (n, 3) rad, else the campaign's (3,); one of them must be stated."""
-    stated, own = config.sigma_arcsec, samples.sigma
-    if own is None and stated is None:
+    Raises InputError where none is stated.  A covariance is sigmas about its own principal axes.
+    """
+    C_AS = way(frames, config.tracker, config.sigma_frame or config.tracker)
+    own, covariance = samples.sigma, config.covariance_arcsec2
+    stated = "sigma_arcsec" if covariance is None else "covariance_arcsec2"
+    if own is not None:
+        if (config.sigma_arcsec or covariance) is not None:
+            notices.append(f"{settings}: {key}.{stated} is not used: {config.file} has a sigma for each row")
+        return own, C_AS
+    if covariance is not None:
+        variance, axes = np.linalg.eigh(np.array(covariance))
+        right_handed = axes * np.sign(np.linalg.det(axes))
+        return ARCSEC * np.sqrt(np.maximum(variance, 0.0)), C_AS @ right_handed
+    if config.sigma_arcsec is None:
         raise InputError(
             f"{settings}: {key}.sigma_arcsec: missing, wanted one number or three, which the solution needs "
             f"(or the columns {', '.join(motion.SIGMA_ATTITUDE)} in {config.file})"
         )
-    if own is not None and stated is not None:
-        notices.append(f"{settings}: {key}.sigma_arcsec is not used: {config.file} has a sigma for each row")
-    return own if own is not None else ARCSEC * np.array(stated)
+    return ARCSEC * np.array(config.sigma_arcsec), C_AS
 
 
 def _require_whole_images(settings: str, fused: FusedAttitude, exposures: Exposures) -> list[str]:

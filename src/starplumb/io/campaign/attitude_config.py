@@ -11,30 +11,23 @@ from ..tables.read import TABLE_SUFFIXES
 from ..text.files import show
 from ..text.sections import Section
 from ..text.values import (
-    Matrix,
+    Covariance,
     Positive,
     Prior,
-    Quaternion,
     Sigma,
     Text,
-    Triple,
-    axis_order,
     choice,
     file_name,
     frame_name,
     printable,
 )
+from .fixed_frames import CAMERA, Frames, Rotation, written_frames
 
-CAMERA = "camera"
-"""The camera's side of the mounting."""
 EARTH_FRAMES = ("GCRF", "J2000", "ITRF")
 """Frames an attitude may start from or lead to; J2000 is read as a synonym of GCRF."""
 
 SUFFIXES = (*TABLE_SUFFIXES, ".aem", ".xml")
 """Endings of files of attitude."""
-
-_ROTATIONS = ("quaternion_xyzw", "quaternion_wxyz", "matrix", "rotation_vector_deg", "euler_deg")
-
 
 _SHARED = ("image", "pass", "session", "campaign")
 Shared = Annotated[Literal["image", "pass", "session", "campaign"], choice(*_SHARED)]
@@ -55,37 +48,6 @@ class WanderConfig(Section):
 
     sigma_arcsec: Sigma = Field(description="its sigma, one number or three about the star tracker's axes")
     correlation_time_s: Positive = Field(description="its correlation time, a positive number of seconds")
-
-
-class Rotation(Section):
-    """A rotation that takes coordinates in ``from`` to those in ``to``, written in one of several forms.
-
-    ``euler_deg`` with ``euler_order`` reads as ``scipy.spatial.transform.Rotation.from_euler``: capital
-    letters turn about the axes as turned so far, small ones about the fixed axes, in the order written.
-    """
-
-    source: Text = Field(alias="from", description="the name of a frame")
-    target: Text = Field(alias="to", description="the name of a frame")
-    quaternion_xyzw: Quaternion | None = Field(default=None, description="four numbers, scalar last")
-    quaternion_wxyz: Quaternion | None = Field(default=None, description="four numbers, scalar first")
-    matrix: Matrix | None = Field(default=None, description="three rows of three numbers")
-    rotation_vector_deg: Triple | None = Field(default=None, description="three numbers")
-    euler_deg: Triple | None = Field(default=None, description="three angles")
-    euler_order: Annotated[str, BeforeValidator(axis_order)] | None = Field(
-        default=None, description='three axes such as "ZYX" or "xyz"'
-    )
-
-    @classmethod
-    def rules(cls, given: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-        stated = [key for key in _ROTATIONS if key in given]
-        if not stated:
-            yield "quaternion_xyzw", f"missing, wanted exactly one of {', '.join(_ROTATIONS)}"
-        for key in stated[1:]:
-            yield key, f"found beside {stated[0]}, wanted exactly one of {', '.join(_ROTATIONS)}"
-        if "euler_deg" in given and "euler_order" not in given:
-            yield "euler_order", 'missing, wanted the three axes of euler_deg such as "ZYX" or "xyz"'
-        if "euler_order" in given and "euler_deg" not in given:
-            yield "euler_deg", "missing, wanted the three angles that euler_order names"
 
 
 class Mounting(Rotation):
@@ -110,6 +72,12 @@ class AttitudeConfig(Section):
     )
     sigma_arcsec: Sigma | None = Field(
         default=None, description="one number or three about the star tracker's axes"
+    )
+    covariance_arcsec2: Covariance | None = Field(
+        default=None, description="three rows of three numbers, a covariance matrix"
+    )
+    sigma_frame: Text | None = Field(
+        default=None, description="the name of the frame about whose axes the sigmas or the covariance are"
     )
     max_gap_s: Positive | None = Field(
         default=None, description="the largest spacing joined by interpolation, a positive number"
@@ -143,6 +111,8 @@ class AttitudeConfig(Section):
                 f'found "{ends[0]}" to "{ends[1]}", wanted GCRF (or J2000) or ITRF on exactly one side',
             )
         yield from sharing_rules(given)
+        if "sigma_arcsec" in given and "covariance_arcsec2" in given:
+            yield "covariance_arcsec2", "found beside sigma_arcsec, wanted only one of the two"
 
 
 class TrackerConfig(AttitudeConfig):
@@ -191,9 +161,44 @@ def attitude_rules(given: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         frame, key, place = _frame(given), "fusion.frame", "the frame of [fusion]"
     if frame == CAMERA:
         yield key, f"found {show(CAMERA)}, wanted another name: it is the camera's own"
-    elif frame and (mounting := ends(given.get("mounting"))):
-        for end, text in _joined(mounting, CAMERA, frame, place):
+    elif frame:
+        yield from _mounting_rules(given, frame, place)
+    yield from _sigma_frame_rules(given)
+
+
+def _mounting_rules(given: Mapping[str, Any], frame: str, place: str) -> Iterator[tuple[str, str]]:
+    """[mounting], and nothing else, leads from the camera's frames to those of the attitude."""
+    frames = all_frames(given)
+    if frame in frames.joined(CAMERA):
+        found = f"found {show(CAMERA)} and {show(frame)} joined by fixed rotations"
+        yield "frames", f"{found}, wanted that left to [mounting], which is to be corrected"
+    elif mounting := ends(given.get("mounting")):
+        for end, text in _joined(frames, mounting, CAMERA, frame, place):
             yield f"mounting.{end}", text
+
+
+def _sigma_frame_rules(given: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """Axes in which sigmas hold must be joined with those of the attitude that they are of."""
+    trackers, frames = given.get("trackers"), all_frames(given)
+    sections = {
+        f"trackers.{i}": each for i, each in enumerate(trackers if isinstance(trackers, list) else ())
+    }
+    for key, section in {"attitude": given.get("attitude"), **sections}.items():
+        name = tracker_of(ends(section))
+        axes = section.get("sigma_frame") if isinstance(section, dict) else None
+        if name is not None and isinstance(axes, str) and axes not in frames.joined(name):
+            others = ", ".join(sorted(map(show, frames.joined(name) - {name})))
+            also = (
+                f" or what [frames] joins with it ({others})" if others else ", or [frames] to join the two"
+            )
+            yield f"{key}.sigma_frame", f"found {show(axes)}, wanted {show(name)}{also}"
+
+
+def all_frames(given: Mapping[str, Any]) -> Frames:
+    """Who is joined with whom by [frames] and by the trackers' own mountings."""
+    trackers = given.get("trackers")
+    mounted = [each.get("mounting") for each in trackers or () if isinstance(each, dict)]
+    return written_frames(given, *filter(None, map(ends, mounted)))
 
 
 def _frame(given: Mapping[str, Any]) -> str | None:
@@ -226,39 +231,45 @@ def _fusion_rules(given: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         if isinstance(tracker, dict) and "wander" in tracker:
             yield f"trackers.{i}.wander", "found it for one of several trackers, wanted it in [attitude] only"
     names = [tracker_of(ends(tracker)) for tracker in trackers]
-    for i, (tracker, name) in enumerate(zip(trackers, names, strict=True)):
+    for i, name in enumerate(names):
         if name is None or frame is None:
             continue
         if name in names[:i]:
             yield f"trackers.{i}.to", f"found the tracker {show(name)} again, wanted a name of its own"
         if name == CAMERA:
             yield f"trackers.{i}.to", f"found {show(CAMERA)}, wanted another name: it is the camera's own"
-        yield from _mounted(i, tracker, name, frame)
+        yield from _mounted(i, given, name, frame)
 
 
-def _mounted(i: int, tracker: dict[str, Any], name: str, frame: str) -> Iterator[tuple[str, str]]:
+def _mounted(i: int, given: Mapping[str, Any], name: str, frame: str) -> Iterator[tuple[str, str]]:
+    """A tracker's frame is joined with that of [fusion] by [frames], or by its mounting, and in one way."""
+    tracker, frames = given["trackers"][i], written_frames(given)
     key = f"trackers.{i}.mounting"
-    if name == frame:
+    if name in frames.joined(frame):
+        why = "is itself the frame of [fusion]" if name == frame else "is joined with it by [frames]"
         if "mounting" in tracker:
-            yield key, f"found a mounting, wanted none: {show(name)} is itself the frame of [fusion]"
-        return
-    if "mounting" not in tracker:
-        yield (
-            key,
-            f"missing, wanted the rotation between {show(name)} and {show(frame)}, the frame of [fusion]",
-        )
-    if between := ends(tracker.get("mounting")):
-        for end, text in _joined(between, name, frame, "the frame of [fusion]"):
+            yield key, f"found a mounting, wanted none: {show(name)} {why}"
+    elif "mounting" not in tracker:
+        if name not in all_frames(given).joined(frame):
+            missing = f"the rotation between {show(name)} and {show(frame)}, the frame of [fusion]"
+            yield key, f"missing, wanted {missing}"
+    elif between := ends(tracker["mounting"]):
+        for end, text in _joined(frames, between, name, frame, "the frame of [fusion]"):
             yield f"{key}.{end}", text
+        earlier = all_frames({**given, "trackers": given["trackers"][:i]})
+        if between[1] in earlier.joined(between[0]):
+            yield key, f"found a second way between {show(between[0])} and {show(between[1])}, wanted one"
 
 
-def _joined(found: tuple[str, str], own: str, frame: str, place: str) -> Iterator[tuple[str, str]]:
-    """A mounting must join ``own``, its device, and ``frame``, in either direction."""
-    keys = ("from", "to")
-    at = next((i for i, name in enumerate(found) if name == own), None)
+def _joined(
+    frames: Frames, found: tuple[str, str], own: str, frame: str, place: str
+) -> Iterator[tuple[str, str]]:
+    """A mounting must join ``own``, its device, and ``frame``, or what is fixed to them, in either direction."""
+    keys, device, there = ("from", "to"), frames.joined(own), frames.joined(frame)
+    at = next((i for i, name in enumerate(found) if name in device), None)
     if at is None:
-        wrong = 1 if found[0] == frame else 0
+        wrong = 1 if found[0] in there else 0
         text = f"found {show(found[wrong])}, wanted {show(own)} (the mounting joins it and {show(frame)})"
         yield keys[wrong], text
-    elif found[1 - at] != frame:
+    elif found[1 - at] not in there:
         yield keys[1 - at], f"found {show(found[1 - at])}, wanted {show(frame)}, {place}"

@@ -34,6 +34,7 @@ from .attitude_config import (
     attitude_rules,
     sharing_rules,
 )
+from .fixed_frames import CAMERA, FixedFrame, Frames, frame_rules
 
 SUFFIXES = {
     "ephemeris": (*TABLE_SUFFIXES, ".oem", ".xml", ".sp3", ".bsp"),
@@ -212,6 +213,9 @@ class CampaignConfig(Section):
     fusion: FusionConfig | None = Field(
         default=None, description="the section [fusion] with frame and method"
     )
+    frames: dict[str, FixedFrame] = Field(
+        default_factory=dict, description="the section [frames], NAME = { from = ..., and a rotation }"
+    )
     landmarks: LandmarksConfig = Field(description="the section [landmarks] with file")
     images: TableConfig = Field(description="the section [images] with file")
     observations: TableConfig | None = Field(default=None, description="the section [observations] with file")
@@ -223,12 +227,16 @@ class CampaignConfig(Section):
     truth: TruthConfig | None = Field(default=None, description="the section [truth] with quaternion_xyzw")
 
     @property
+    def joined_frames(self) -> Frames:
+        """The frames that [frames] and the trackers' own mountings join."""
+        turns = [tracker.mounting for tracker in self.trackers or ()]
+        return Frames.of(self.frames, filter(None, turns))
+
+    @property
     def tracker(self) -> str:
-        """The name of E: the side of the attitude that is not the Earth's, or the frame of several trackers."""
-        if self.fusion is not None:
-            return self.fusion.frame
-        assert self.attitude is not None, "the rules want one of the two"
-        return self.attitude.tracker
+        """The name of E: the side of [mounting] that is not the camera's."""
+        at_camera = self.mounting.source in self.joined_frames.joined(CAMERA)
+        return self.mounting.target if at_camera else self.mounting.source
 
     @property
     def attitudes(self) -> dict[str, AttitudeConfig]:
@@ -243,4 +251,5 @@ class CampaignConfig(Section):
             yield "detections", "found beside [observations], wanted exactly one of the two"
         if "observations" not in given and "detections" not in given:
             yield "observations", "missing, wanted the section [observations] or [detections] with file"
+        yield from frame_rules(given)
         yield from attitude_rules(given)

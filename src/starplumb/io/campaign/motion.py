@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
+from ...physics import so3
 from ...physics.earth import OMEGA_EARTH
 from ...physics.errors import EpochError, InputError
 from ...physics.orientation import EarthOrientation
@@ -233,9 +234,15 @@ def _to_tracker(q: Array, source: str, target: str) -> tuple[Array, Literal["GCR
 
 
 def attitude_series(
-    samples: AttitudeSamples, config: AttitudeConfig, orientation: EarthOrientation | None
+    samples: AttitudeSamples,
+    config: AttitudeConfig,
+    orientation: EarthOrientation | None,
+    C_EA: Array | None = None,
 ) -> Attitude:
-    """The series that interpolates the samples."""
+    """The series that interpolates the samples, turned by ``C_EA`` (3, 3) where E is not their own frame A."""
+    if C_EA is not None:
+        q_EF = so3.to_quaternion(C_EA @ so3.from_quaternion(samples.q_EF))
+        samples = replace(samples, q_EF=q_EF)
     inertial = orientation if samples.frame == "GCRF" else None
     return Attitude(
         samples.t_ns,

@@ -22,9 +22,9 @@ from ..text.files import fingerprint, trouble
 from ..text.toml import check, refuse
 from . import markers, motion
 from .attitude import Exposures, model_mounting, read_attitude
-from .attitude_config import Mounting
 from .camera import pixel_shift, read_camera
 from .config import CampaignConfig, LandmarksConfig
+from .fixed_frames import Turn
 from .settings import Settings, read_settings
 from .sharing import attitude_sharing, position_sharing
 
@@ -180,7 +180,8 @@ def _assemble(
     marks = sightings if detections is None else detections
     exposures = Exposures(images, marks.image, images.exposed(marks.image, marks.row_px))
     attitude, cov_attitude_E = read_attitude(settings, config, files, orientation, exposures, notices)
-    notices += _rounded(config.mounting, settings)
+    turns = {"mounting": config.mounting} | {f"frames.{name}": f for name, f in config.frames.items()}
+    notices += [text for key, turn in turns.items() for text in _rounded(f"{settings}: {key}", turn)]
     if config.earth is not None and orientation is None:
         notices.append(
             f"{settings}: earth.orientation_file is not used, since no frame of the campaign is inertial"
@@ -189,7 +190,7 @@ def _assemble(
     campaign = Campaign(
         name=config.campaign.name,
         camera=camera,
-        C_EK=model_mounting(config.mounting),
+        C_EK=model_mounting(config.mounting, config.joined_frames),
         sigma_mounting=None if prior is None else ARCSEC * np.array(prior),
         ephemeris=ephemeris,
         sigma_position=np.array(config.ephemeris.sigma_m),
@@ -218,7 +219,7 @@ def _no_sightings() -> Sightings:
     return Sightings(index, index, value, value, value, np.empty(0, dtype=np.bool_))
 
 
-def _rounded(config: Mounting, settings: str) -> list[str]:
+def _rounded(where: str, config: Turn) -> list[str]:
     """A notice where the written matrix is orthonormal to few digits only."""
     if config.matrix is None:
         return []
@@ -226,4 +227,4 @@ def _rounded(config: Mounting, settings: str) -> list[str]:
     off = float(np.abs(C @ C.mT - np.eye(3)).max())
     if off <= _EXACT:
         return []
-    return [f"{settings}: mounting.matrix is orthonormal to {off:.1g} only; the nearest rotation is taken"]
+    return [f"{where}.matrix is orthonormal to {off:.1g} only; the nearest rotation is taken"]

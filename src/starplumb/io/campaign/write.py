@@ -16,7 +16,7 @@ from ...table.campaign import Campaign, Detections, Landmarks
 from ..tables.cells import Array
 from ..tables.columns import CARTESIAN, GEODETIC, SIGMA_ENU
 from ..text.write import csv_text, publish
-from .attitude_config import CAMERA
+from .fixed_frames import CAMERA
 from .motion import VELOCITY
 from .toml_text import Sections, document_text, in_unit
 from .write_attitude import along_axes, attitude_files, attitude_sections, gap, shared, times

@@ -14,6 +14,8 @@ from .sections import wrong
 
 UNIT_TOLERANCE = 1e-3
 """How far a quaternion's norm may be from 1 and a matrix from orthonormal; both are then made exact."""
+_ROUNDED = 1e-6
+"""Part of its largest entry by which a covariance written with few digits may miss being symmetric and positive."""
 
 
 def number(wanted: str, good: Callable[[float], bool] = isfinite) -> Callable[[object], float]:
@@ -135,6 +137,21 @@ def _rotation_matrix(value: object) -> tuple[tuple[float, ...], ...]:
     return rows
 
 
+def _covariance_matrix(value: object) -> tuple[tuple[float, ...], ...]:
+    wanted = "three rows of three numbers, a covariance matrix"
+    if not isinstance(value, list | tuple) or len(value) != 3:
+        raise wrong(value, wanted)
+    rows = tuple(vector(3, wanted)(row) for row in value)
+    P = np.array(rows)
+    size = float(np.max(np.abs(P)))
+    if np.max(np.abs(P - P.mT)) > _ROUNDED * size:
+        raise wrong(value, f"{wanted} (this one is not symmetric)")
+    least = float(np.min(np.linalg.eigvalsh(0.5 * (P + P.mT))))
+    if least < -_ROUNDED * size:
+        raise wrong(value, f"{wanted} (along one direction the variance of this one is {least:.3g})")
+    return rows
+
+
 def axis_order(value: object) -> object:
     """Three axes, no two neighbours alike: capitals about the axes as turned so far, small ones about the
     fixed."""
@@ -165,6 +182,7 @@ Text = Annotated[str, BeforeValidator(printable)]
 Positive = Annotated[float, BeforeValidator(number("a positive finite number", _positive))]
 Quaternion = Annotated[tuple[float, float, float, float], BeforeValidator(_unit_quaternion)]
 Matrix = Annotated[tuple[tuple[float, float, float], ...], BeforeValidator(_rotation_matrix)]
+Covariance = Annotated[tuple[tuple[float, float, float], ...], BeforeValidator(_covariance_matrix)]
 Triple = Annotated[tuple[float, float, float], BeforeValidator(vector(3, "three finite numbers"))]
 Pair = Annotated[tuple[float, float], BeforeValidator(vector(2, "two finite numbers"))]
 WholePair = Annotated[tuple[int, int], BeforeValidator(_whole_pair)]

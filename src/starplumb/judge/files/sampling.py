@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from ...physics import so3
 from ...physics.series import COINCIDENCE_NS, Attitude, lagrange, seconds
 from ...physics.timescales import format_iso
-from ...physics.trackers import FusedAttitude, sigma_at
+from ...physics.trackers import FusedAttitude
 from ...physics.units import ARCSEC
 from ...table.campaign import Campaign
 from ..consistency import IMPLAUSIBLE_P, chi2_p
@@ -141,9 +141,9 @@ def _watched(campaign: Campaign, errors: ImageErrors) -> Iterator[Watched]:
         yield Watched(attitude, np.eye(3), image, t_ns, np.maximum(sigma, LEAST_SIGMA), names)
         return
     for tracker in attitude.trackers:
-        sigma = np.broadcast_to(sigma_at(t_ns, tracker.attitude.t_ns, tracker.sigma_A), (t_ns.size, 3))
         part = tracker.C_EA / len(attitude.trackers)
-        yield Watched(tracker.attitude, part, image, t_ns, np.maximum(sigma, LEAST_SIGMA), names)
+        sigma = np.maximum(tracker.sigma_A(t_ns), LEAST_SIGMA)
+        yield Watched(tracker.attitude, part, image, t_ns, sigma, names)
 
 
 def _shared(errors: ImageErrors, image: Index, angle_E: Array) -> Array:
