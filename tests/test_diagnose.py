@@ -345,7 +345,7 @@ def test_sightings_that_carry_the_misfit_are_proposed_for_rejection(spoiled, rng
     assert found.verdict == "named"
     assert [m.key for m in found.best.undone] == ["sightings"]
     assert f"{len(wrong)} of the" in found.best.undone[0].what
-    assert "--robust" in found.best.undone[0].remedy
+    assert "calibrate leaves them out" in found.best.undone[0].remedy
 
 
 @pytest.mark.slow

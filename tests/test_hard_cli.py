@@ -51,11 +51,11 @@ def test_a_wrong_label_is_rejected_and_listed(folder):
     first[1], second[1] = second[1], first[1]
     lines[1:3] = ",".join(first), ",".join(second)
     (folder / "observations.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    done = run("calibrate", str(folder / "campaign.toml"), "--robust", "--no-report")
+    done = run("calibrate", str(folder / "campaign.toml"), "--no-report")
     assert done.status == 0
     assert "rejected 2 sightings (2 sighting)" in done.out
     document = result(folder)
-    assert document["method"] == "robust"
+    assert document["method"] == "default"
     assert {r["image_id"] for r in document["rejected"]} == {first[0]}
     assert all(r["statistic"] > 100.0 for r in document["rejected"])
     with (folder / "result" / "residuals.csv").open(encoding="utf-8") as file:
@@ -99,7 +99,7 @@ def test_what_cannot_be_known_is_null(folder):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (["-e", "time_offset", "--method", "wahba"], "wanted gls or robust"),
+        (["-e", "time_offset", "--method", "wahba"], "wanted default, gls or robust"),
         (["-e", "focal"], "wanted one or more of focal_length"),
         (["--method", "robuts"], "did you mean robust"),
     ],

@@ -13,8 +13,14 @@ from .output import Json, Output, Quiet, Verbose
 def calibrate(
     campaign: Annotated[Path, typer.Argument(help="The campaign.toml.", metavar="CAMPAIGN.toml")],
     method: Annotated[
-        str, typer.Option("--method", "-m", help="Estimator; `starplumb compare` shows all.")
-    ] = "gls",
+        str,
+        typer.Option(
+            "--method",
+            "-m",
+            help="Estimator; `starplumb compare` shows all. default is gls, without what is wrong where its tests "
+            "object; gls leaves nothing out.",
+        ),
+    ] = "default",
     robust: Annotated[
         bool,
         typer.Option(
@@ -70,7 +76,9 @@ def calibrate(
         require_pyogrio(out / MAP)
     found = read_campaign(campaign)
     try:
-        result = run(found, estimate or (), "robust" if robust and method == "gls" else method, reach_deg)
+        result = run(
+            found, estimate or (), "robust" if robust and method in ("default", "gls") else method, reach_deg
+        )
     except NotIdentified as refused:
         speak.notices(found.notices)
         refused.save(out)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from .default import Default
 from .gls import Gls
 from .protocol import Estimator
 from .published.cross_product import CrossProduct
@@ -18,6 +19,7 @@ from .wahba import Wahba
 
 METHODS: dict[str, Callable[[], Estimator]] = {
     "gls": Gls,
+    "default": Default,
     "robust": Robust,
     "sequential": Sequential,
     "observer": Observer,

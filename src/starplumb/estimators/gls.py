@@ -1,4 +1,4 @@
-"""Generalised least squares: the default estimator, with every stated error where it belongs."""
+"""Generalised least squares, with every stated error where it belongs."""
 
 from __future__ import annotations
 

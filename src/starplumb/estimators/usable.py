@@ -13,6 +13,9 @@ from .protocol import Status
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
+EXACT = 1.02
+"""Residuals over what is stated up to which an improbable chi-square means nothing: 1e5 sightings show a factor that
+changes nothing."""
 SINGULAR_SIGMA = 10.0 * DEG
 """An alignment known no better than this is not determined: a covariance of linear errors means nothing there."""
 

@@ -12,11 +12,12 @@ from ..estimators.campaign_table import table_of
 from ..estimators.fit import Fit, Unknowns
 from ..estimators.gls import Gls
 from ..estimators.protocol import AlignmentEstimate, Estimator, Status, Verdict
+from ..estimators.usable import EXACT
 from ..physics import so3
 from ..physics.errors import InputError
 from ..table.campaign import Campaign
 from ..table.observations import Observations
-from .consistency import EXACT, chi2_p, findings
+from .consistency import chi2_p, findings
 from .contradictions import (
     Support,
     culprit,

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..estimators.protocol import AlignmentEstimate, Estimator, Status
+from ..estimators.usable import EXACT
 from ..physics import so3
 from ..physics.units import ARCSEC, DEG
 from ..solve.chunks import CHUNK, part, sample, sampled
@@ -27,9 +28,6 @@ DECISIVE = 12.0
 ABSURD = 100.0
 """Chi-square per degree of freedom from which fits are no reason to prefer one setting: residuals ten times what is
 stated."""
-EXACT = 1.02
-"""Residuals over what is stated up to which an implausible chi-square does not weaken: 1e5 sightings show a factor that
-changes nothing."""
 INFORMATIVE = 4.0
 """Rise of chi-square under the opposite setting from which on the data confirm the stated one (odds of 7 to 1)."""
 

@@ -267,7 +267,7 @@ def _blunders(campaign: Campaign, out: Mask) -> Mistake:
     images, landmarks = np.unique(s.image[out]), np.unique(s.landmark[out])
     count, cost = int(np.sum(out)), REJECTED * float(np.sum(out))
     of = f"{count} of the {out.size} sightings"
-    remedy = "check them, or let calibrate --robust leave them out"
+    remedy = "check them; calibrate leaves them out unless told --method gls"
     if images.size == 1 and count > 1:
         name = campaign.images.ids[images[0]]
         members = int(np.sum(s.image == images[0]))
@@ -276,7 +276,7 @@ def _blunders(campaign: Campaign, out: Mask) -> Mistake:
             "or attitude"
         )
         return Mistake(
-            f"image.{name}", what, f"check {name!r}, or let calibrate --robust leave it out", cost=cost
+            f"image.{name}", what, f"check {name!r}; calibrate leaves it out unless told --method gls", cost=cost
         )
     if landmarks.size == 1 and count > 1:
         name = campaign.landmarks.ids[landmarks[0]]

@@ -21,7 +21,7 @@ from .result import RESULT_FILES, Result
 if TYPE_CHECKING:
     from ..identify.labelling import Labels
 
-WITH_PARAMETERS = ("gls", "robust")
+WITH_PARAMETERS = ("default", "gls", "robust")
 """Methods that can estimate further parameters beside the alignment."""
 
 Method = Annotated[
@@ -65,7 +65,7 @@ class Identified:
 def calibrate(
     campaign: Campaign,
     estimate: Sequence[str] | str = (),
-    method: Method = "gls",
+    method: Method = "default",
     reach_deg: Reach = 2.0,
 ) -> Result:
     """Estimate the mounting of a campaign and judge the answer.
@@ -90,6 +90,7 @@ def estimator_of(method: str | Estimator, estimate: Sequence[str], campaign: Phy
 
     Raises InputError for an unknown method or parameter.
     """
+    from ..estimators.default import Default
     from ..estimators.gls import Gls
     from ..estimators.robust import Robust
     from ..table.parameter_names import parameters
@@ -107,10 +108,11 @@ def estimator_of(method: str | Estimator, estimate: Sequence[str], campaign: Phy
         return METHODS[method]()
     if method not in WITH_PARAMETERS:
         raise ArgumentError(
-            "estimate", f"found with the method {method}, wanted {' or '.join(WITH_PARAMETERS)}"
+            "estimate",
+            f"found with the method {method}, wanted {', '.join(WITH_PARAMETERS[:-1])} or {WITH_PARAMETERS[-1]}",
         )
     gls = Gls(parameters(wanted, campaign))
-    return Robust(gls) if method == "robust" else gls
+    return gls if method == "gls" else Default(gls) if method == "default" else Robust(gls)
 
 
 def estimators_of(methods: Sequence[str] | str) -> Mapping[str, Estimator]:
