@@ -16,9 +16,8 @@ from typing import Literal
 
 import numpy as np
 
-from starplumb.estimators.gls import Gls
+from starplumb.estimators import METHODS
 from starplumb.estimators.protocol import Estimator, Status
-from starplumb.estimators.robust import Robust
 from starplumb.judge import calibrate as judge
 from starplumb.physics import so3
 from starplumb.physics.earth import C_JT, itrf_to_geodetic
@@ -118,9 +117,9 @@ def main() -> None:
     options = argparse.ArgumentParser(description=__doc__)
     options.add_argument("--campaigns", type=int, default=100)
     options.add_argument("--seed", type=int, default=1000)
-    options.add_argument("--method", choices=["gls", "robust"], default="robust")
+    options.add_argument("--method", choices=["default", "gls", "robust"], default="default")
     asked = options.parse_args()
-    estimator = {"gls": Gls, "robust": Robust}[asked.method]()
+    estimator = METHODS[asked.method]()
     campaign, C_EK_true = demo("frame", 8, 1)
     heads = (
         "wrong, ok, weak, refuted, no answer, within 4 sigma, beyond as ok, beyond twice the interval, CPU ms"
@@ -141,7 +140,7 @@ def row(
     for trial in range(trials):
         rng = np.random.default_rng([seed, trial])
         table = blunder.apply(measure(scene, C_EK_true, Errors.draw(scene, rng)), rng)
-        judge.observe = lambda _, table=table: table
+        judge.table_of = lambda _, table=table: table
         judge._evidence = lambda *_: ()
         counts.update(outcome(judge.calibrate(campaign, estimator), C_EK_true))
     seconds = time.process_time() - start

@@ -276,7 +276,10 @@ def _blunders(campaign: Campaign, out: Mask) -> Mistake:
             "or attitude"
         )
         return Mistake(
-            f"image.{name}", what, f"check {name!r}; calibrate leaves it out unless told --method gls", cost=cost
+            f"image.{name}",
+            what,
+            f"check {name!r}; calibrate leaves it out unless told --method gls",
+            cost=cost,
         )
     if landmarks.size == 1 and count > 1:
         name = campaign.landmarks.ids[landmarks[0]]
