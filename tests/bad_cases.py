@@ -105,6 +105,36 @@ NO_OPTICS = swap(
 )
 DETECTORS = "column_px,tan_x,tan_y\n0,-0.02,0.001\n5999,0.0,0.001\n11999,0.02,0.001\n"
 
+SPICE = [
+    (
+        "name",
+        'camera = { name = "SAT 1" }',
+        "spice.camera.name",
+        'found "SAT 1"',
+        "letters, digits and underscores",
+    ),
+    ("name-long", f'camera = {{ name = "{27 * "A"}" }}', "spice.camera.name", "at most 26"),
+    ("name-known", 'tracker = { name = "itrf93" }', "spice.tracker.name", "SPICE has a frame of that name"),
+    ("names", 'camera = { name = "Star_Tracker" }', "spice.tracker.name", "STAR_TRACKER for the camera"),
+    ("id", "camera = { id = 17 }", "spice.camera.id", "found 17", "1400000 to 2000000"),
+    ("id-text", 'camera = { id = "-999101" }', "spice.camera.id", "wanted a whole number"),
+    (
+        "ids",
+        "camera = { id = 1400002 }",
+        "spice.tracker.id",
+        "found 1400002 for the camera and the star tracker",
+    ),
+    ("spacecraft", "spacecraft_id = 7", "spice.spacecraft_id", "found 7", "a negative whole number"),
+    (
+        "of-another",
+        "spacecraft_id = -999\ntracker = { id = -82361 }",
+        "spice.tracker.id: found -82361",
+        "belongs to the satellite -82, wanted one of -999",
+    ),
+    ("key", "camera = { nmae = 'X' }", "spice.camera.nmae: unknown key", "name"),
+]
+"""Sections [spice] with one fault each, and what must be said."""
+
 KEYS = [
     BadCase("toml-missing", remove(TOML), ("campaign.toml", "no such file")),
     BadCase("toml-empty", put(TOML, b""), ("campaign.toml", "empty file")),
@@ -258,6 +288,20 @@ KEYS = [
         "attitude-both-earth",
         swap(TOML, 'from = "ITRF"\nto = "star_tracker"', 'from = "ITRF"\nto = "GCRF"'),
         ("attitude.from", "exactly one side"),
+    ),
+    *(
+        BadCase(f"spice-{name}", swap(TOML, "[landmarks]", f"[spice]\n{text}\n[landmarks]"), says)
+        for name, text, *says in SPICE
+    ),
+    BadCase(
+        "spice-tracker-is-camera",
+        swap(TOML, "star_tracker", "Camera", -1),
+        ("campaign.toml: spice.tracker.name: found CAMERA", "two names that differ in capitals"),
+    ),
+    BadCase(
+        "spice-tracker-of-spice",
+        swap(TOML, "star_tracker", "iau earth", -1),
+        ("spice.tracker.name: missing, and SPICE has a frame IAU_EARTH", 'another name for "iau earth"'),
     ),
     BadCase(
         "mounting-other-tracker",

@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+import starplumb as sp
+from helpers import CAMPAIGN, write_good_campaign
 from starplumb.io.formats.spice import (
     FrameIds,
     frame_kernel_text,
@@ -17,6 +19,7 @@ from starplumb.io.formats.spice import (
     tdb_seconds,
     write_frame_kernel,
 )
+from starplumb.io.formats.spice_names import frame_name_fault
 from starplumb.physics import timescales
 from starplumb.physics.errors import InputError
 from starplumb.physics.units import ARCSEC
@@ -239,6 +242,49 @@ def test_frame_names_are_made_fit_for_spice(tmp_path, given, name):
     write_frame_kernel(tmp_path / "m.tf", C_EK, given, "body")
     found = loaded(tmp_path / "m.tf", lambda: spice.pxform(frame_name(given), "BODY", 0.0))
     assert np.abs(found - C_EK).max() <= ROUNDING
+
+
+def test_the_names_of_spices_own_frames_are_refused():
+    own = {spice.frmnam(number) for number in range(1, 20_000)} - {""}
+    assert {"J2000", "IAU_EARTH", "ITRF93"} < own
+    assert [name for name in own if frame_name_fault(name) is None] == []
+
+
+SPICE = """
+[spice]
+camera = { name = "SAT1_CAM", id = -999101 }
+tracker = { name = "sat1_str", id = -999001 }
+spacecraft_id = -999
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("stated", "names", "ids", "craft"),
+    [
+        ("", ("CAMERA", "ADCS_HEAD_1"), (1_400_001, 1_400_002), -999),
+        (SPICE, ("SAT1_CAM", "SAT1_STR"), (-999_101, -999_001), -999),
+        ("[spice]\ncamera = { id = -143_101 }\n", ("CAMERA", "ADCS_HEAD_1"), (-143_101, 1_400_002), -143),
+    ],
+    ids=["by the mounting", "stated", "satellite by the id"],
+)
+def test_the_kernel_of_a_campaign_has_the_names_it_states(tmp_path, stated, names, ids, craft):
+    """The answer is the identity: the kernel of the campaign gives C_EK of its result."""
+    toml = CAMPAIGN.replace("star_tracker", "adcs head 1") + stated
+    result = sp.calibrate(sp.read_campaign(write_good_campaign(tmp_path, campaign=toml)), method="gls")
+    assert result.usable
+    result.save(tmp_path / "result", report=False)
+
+    def found():
+        frames = tuple(spice.namfrm(name) for name in names)
+        return spice.pxform(*names, 0.0), frames, [spice.frinfo(frame) for frame in frames]
+
+    C, numbers, info = loaded(tmp_path / "result" / "mounting.tf", found)
+    assert np.abs(C - result.C_EK).max() <= 1e-15  # the answer itself is a rotation to a rounding
+    assert numbers == ids
+    assert [each[0] for each in info] == [craft, craft]
+    assert [each[1] for each in info] == [4, 3]
+    assert [each[2] for each in info] == list(ids)
 
 
 def test_frame_kernel_refuses_one_name_or_one_id_for_both():

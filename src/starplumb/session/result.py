@@ -183,13 +183,16 @@ class Result(Shown):
             self._write_map(Path(folder) / MAP)
 
     def _kernel(self) -> str:
+        from ..io.campaign.spice_config import kernel_frames
         from ..io.formats.spice import frame_kernel_text
 
+        camera, tracker, ids = kernel_frames(self.campaign.loaded.config.spice, self.campaign.frames[1])
         heading = (("campaign", self.campaign.name), ("method", self.method), ("status", self.status))
         return frame_kernel_text(
             self.C_EK,
-            "CAMERA",
-            "STAR_TRACKER",
+            camera,
+            tracker,
+            ids=ids,
             covariance_E=self.calibration.estimate.covariance_E,
             comments=[f"{key}: {value}" for key, value in heading],
         )

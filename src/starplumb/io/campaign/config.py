@@ -35,6 +35,7 @@ from .attitude_config import (
     sharing_rules,
 )
 from .fixed_frames import CAMERA, FixedFrame, Frames, frame_rules
+from .spice_config import SpiceConfig
 
 SUFFIXES = {
     "ephemeris": (*TABLE_SUFFIXES, ".oem", ".xml", ".sp3", ".bsp"),
@@ -215,6 +216,9 @@ class CampaignConfig(Section):
     )
     frames: dict[str, FixedFrame] = Field(
         default_factory=dict, description="the section [frames], NAME = { from = ..., and a rotation }"
+    )
+    spice: SpiceConfig = Field(
+        default_factory=lambda: SpiceConfig(), description="the section [spice] with camera and tracker"
     )
     landmarks: LandmarksConfig = Field(description="the section [landmarks] with file")
     images: TableConfig = Field(description="the section [images] with file")

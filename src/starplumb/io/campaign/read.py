@@ -27,6 +27,7 @@ from .config import CampaignConfig, LandmarksConfig
 from .fixed_frames import Turn
 from .settings import Settings, read_settings
 from .sharing import attitude_sharing, position_sharing
+from .spice_config import spice_rules
 
 _EXACT = 1e-6
 """A matrix this near to orthonormal is taken as a rotation written with its digits; beyond it a notice says
@@ -88,6 +89,9 @@ def load_campaign(
     """
     given = read_settings(settings, tables)
     config = check(given.document, CampaignConfig, given.name)
+    flown = config.ephemeris.object if config.ephemeris.file.lower().endswith(".bsp") else None
+    if problems := [f"{key}: {text}" for key, text in spice_rules(config.spice, config.tracker, flown)]:
+        raise refuse(given.name, problems)
     files = _locate(config, given)
     if config.detections is not None and not with_detections:
         raise InputError(

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import re
 import textwrap
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from types import ModuleType
@@ -21,6 +19,7 @@ from ...physics.units import ARCSEC
 from ..text.files import trouble
 from ..text.write import write_text
 from .series_tables import EphemerisTable, EpochArray, FloatArray
+from .spice_names import DEFAULT_IDS, FrameIds, frame_name
 
 _TT_MINUS_TAI_NS = 32_184_000_000
 _SPK_STARTS = (b"DAF/SPK", b"NAIF/DAF")
@@ -169,38 +168,6 @@ def _samples(span: _Span, step_s: float) -> EpochArray:
 def _tdb(span: _Span, t_ns: EpochArray) -> FloatArray:
     """SPICE times of samples, not a rounding beyond the kernel's ends, where it would refuse."""
     return np.clip(tdb_seconds(t_ns), span.first_tdb, span.last_tdb)
-
-
-def frame_name(name: str) -> str:
-    """``name`` as SPICE takes it: capitals, digits and underscores, a letter first, at most 26 characters.
-
-    SPICE compares names in capitals; FRAME_ and the name together must fit the 32 characters of a variable.
-    """
-    plain = re.sub(r"[^A-Z0-9_]", "_", name.upper())
-    return (plain if plain[:1].isalpha() else f"F_{plain}")[:26]
-
-
-@dataclass(frozen=True)
-class FrameIds:
-    """SPICE IDs of the camera's frame, the tracker's, and the spacecraft they belong to (negative).
-
-    Frame IDs come from the range 1400000 .. 2000000 that NAIF leaves to everybody. ``tracker`` None: the
-    frame of the tracker is defined by another kernel of the mission.
-    """
-
-    camera: int = 1_400_001
-    tracker: int | None = 1_400_002
-    spacecraft: int = -999
-
-    def __post_init__(self) -> None:
-        for frame_id in (self.camera, self.tracker):
-            if frame_id is not None and not 1_400_000 <= frame_id <= 2_000_000:
-                raise InputError(f"the SPICE frame ID is {frame_id}, wanted 1400000 to 2000000")
-        if self.camera == self.tracker:
-            raise InputError(f"both SPICE frames have the ID {self.camera}, wanted two different ones")
-
-
-DEFAULT_IDS = FrameIds()
 
 
 def write_frame_kernel(
