@@ -63,6 +63,7 @@ def calibrate(
 
       starplumb calibrate campaign.toml --robust --estimate focal_length,time_offset=10ms
     """
+    from ..physics.errors import AlignmentFailed
     from ..session.calibration import NotIdentified
     from ..session.calibration import calibrate as run
     from ..session.campaign import read_campaign
@@ -90,4 +91,5 @@ def calibrate(
     speak.shown(result, f"written: {out}", *advice)
     speak.detail(*(f"notice: {sentence}" for sentence in result.calibration.notices))
     speak.detail(*(f"{name}: {digest}" for name, digest in found.loaded.inputs.items()))
-    result.raise_if_unusable()
+    if not result.usable:
+        raise AlignmentFailed(f"{campaign}: {result.calibration.message}")
