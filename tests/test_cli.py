@@ -217,8 +217,9 @@ def test_location_of_a_marker_is_where_it_was_surveyed(tmp_path: Path) -> None:
     east, north, up = found["sigma_east_north_up_m"]
     assert np.hypot(*metres) < 4.0 * np.hypot(east, north) < 120.0
     assert up < 1e-3
-    unknown = json.loads(starplumb("locate", path, *place, "--json").out)
+    unknown = json.loads(starplumb("locate", path, *place, "--result", "model", "--json").out)
     assert "model" in unknown["mounting"]
+    assert unknown["sigma_east_north_up_m"] is None
 
 
 # Output -------------------------------------------------------------------------------------------------------

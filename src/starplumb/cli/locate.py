@@ -20,7 +20,12 @@ def locate(
     row: Annotated[float | None, typer.Argument(metavar="ROW", help="Row, in the same.")] = None,
     result: Annotated[
         Path | None,
-        typer.Option("--result", "-r", help="result.json to take the mounting from [default: the model]."),
+        typer.Option(
+            "--result",
+            "-r",
+            help="result.json to take the mounting from, or `model` [default: result/result.json beside the campaign, "
+            "else the model].",
+        ),
     ] = None,
     height_m: Annotated[
         float | None, typer.Option("--height-m", help="Ground height above the ellipsoid [default: 0].")
@@ -50,13 +55,12 @@ def locate(
     """Ground position of a pixel with its covariance, or of every pixel of an image.
 
     The ground is at one height, or that of a DEM where the line of sight meets it first; what the DEM's heights are
-    above must be said.
+    above must be said. The mounting is that of the last calibration where its inputs are still the same.
 
     Examples:
 
       \b
-      starplumb locate demo/campaign.toml --image image01 6000 6000 \\
-        --result demo/result/result.json
+      starplumb locate demo/campaign.toml --image image01 6000 6000
 
       \b
       starplumb locate campaign.toml --image scene 512 40 \\
@@ -84,12 +88,12 @@ def locate(
         written = write_grid(
             view, grid, every, rows, lambda blocks, total: speak.watched(blocks, "Locating", total)
         )
-        speak.notices(found.notices)
+        speak.notices([*found.notices, *written.notices])
         speak.document(written.document)
-        speak.shown(written)
+        speak.show(*written.answer)
     elif pixel is not None:
         where = place(view, pixel, sigma_px, sigma_height_m)
-        speak.notices(found.notices)
+        speak.notices([*found.notices, *where.notices])
         speak.document(where.document)
-        speak.shown(where)
+        speak.show(*where.answer)
         speak.detail(*where.details)

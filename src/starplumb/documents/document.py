@@ -27,7 +27,9 @@ MatrixOrNulls3 = Annotated[list[Numbers3], Len(3, 3)]
 class Part(BaseModel):
     """A part of a document.  Keys that it does not know are kept: later versions may add some."""
 
-    model_config = ConfigDict(frozen=True, extra="allow", allow_inf_nan=False, validate_by_name=True)
+    model_config = ConfigDict(
+        frozen=True, extra="allow", allow_inf_nan=False, validate_by_name=True, strict=True
+    )
 
 
 class Document(Part):
@@ -45,7 +47,7 @@ class Document(Part):
         """The document of a JSON text.  Raises InputError, one sentence, where it is not such a document."""
         wanted = cls.kind()
         try:
-            given = json.loads(text)
+            given = json.loads(text, object_pairs_hook=_unique)
         except (ValueError, RecursionError) as error:
             raise InputError(
                 f"{name}: found text that is not JSON ({error}), wanted a {wanted} document"
@@ -70,6 +72,14 @@ class Document(Part):
     def to_json(self) -> str:
         """The document as the text of its file."""
         return json_text(self.to_dict())
+
+
+def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """The object of its pairs; a key that stands twice leaves open which value is meant."""
+    keys = [key for key, _ in pairs]
+    if twice := [key for i, key in enumerate(keys) if key in keys[:i]]:
+        raise ValueError(f"the key {twice[0]} stands twice in one object")
+    return dict(pairs)
 
 
 def _problems(error: ValidationError) -> str:

@@ -49,12 +49,7 @@ def result_document(
         "status": c.status.name.lower(),
         "message": c.message,
         "method": method,
-        "mounting": {
-            "from": frames[0],
-            "to": frames[1],
-            "matrix": numbers(c.C_EK),
-            "quaternion_xyzw": numbers(so3.to_quaternion(c.C_EK)),
-        },
+        "mounting": _mounting(frames, c.C_EK),
         "correction_arcsec": None if refuted else numbers(c.correction_E / ARCSEC),
         "sigma_arcsec": None if sigma is None else numbers(sigma / ARCSEC),
         "covariance_arcsec2": None if covariance is None else numbers(covariance / ARCSEC**2),
@@ -79,7 +74,7 @@ def result_document(
         **_shared(c),
         **({} if truth is None or refuted else {"truth": _truth(c, truth)}),
         "inputs": dict(inputs),
-        "software": {"starplumb": __version__, "numpy": np.__version__},
+        "software": _software(),
         **provenance,
         "notices": [*provenance.get("notices", ()), *c.notices],
     }
@@ -107,17 +102,32 @@ def unmatched_document(
         "status": "not_converged",
         "message": labels.refusal,
         "method": method,
-        "mounting": {"from": frames[0], "to": frames[1], "matrix": numbers(campaign.C_EK)},
+        "mounting": _mounting(frames, campaign.C_EK),
         "correction_arcsec": None,
         "sigma_arcsec": None,
         "covariance_arcsec2": None,
         "interval_95_arcsec": None,
-        "fit": {"images": len(campaign.images.ids), "observations": 0, "degrees_of_freedom": 0},
+        "fit": {
+            "images": len(campaign.images.ids),
+            "observations": 0,
+            "degrees_of_freedom": 0,
+            **dict.fromkeys(("chi2", "chi2_p", "rms_px", "iterations")),
+        },
         "geolocation": {"before": nothing, "after": nothing, "check": None},
         "rejected": [],
         "labels": labels.counts,
         "inputs": dict(inputs),
+        "software": _software(),
     }
+
+
+def _mounting(frames: tuple[str, str], C_EK: Array) -> dict[str, Any]:
+    quaternion = numbers(so3.to_quaternion(C_EK))
+    return {"from": frames[0], "to": frames[1], "matrix": numbers(C_EK), "quaternion_xyzw": quaternion}
+
+
+def _software() -> dict[str, str]:
+    return {"starplumb": __version__, "numpy": np.__version__}
 
 
 def accuracy_document(accuracy: Accuracy | None) -> dict[str, Any]:

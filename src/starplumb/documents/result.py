@@ -27,7 +27,7 @@ class Mounting(Part):
     from_: str = Field(alias="from")
     to: str
     matrix: Matrix3
-    quaternion_xyzw: Annotated[list[float], Field(min_length=4, max_length=4)] | None = None
+    quaternion_xyzw: Annotated[list[float], Field(min_length=4, max_length=4)]
 
 
 class Fit(Part):
@@ -36,11 +36,11 @@ class Fit(Part):
     images: int
     observations: int
     degrees_of_freedom: int
-    chi2: Number = None
-    chi2_p: Number = None
-    rms_px: Number = None
+    chi2: Number
+    chi2_p: Number
+    rms_px: Number
     rms_own_px: Number = None
-    iterations: int | None = None
+    iterations: int | None
 
 
 class Accuracy(Part):
@@ -159,7 +159,7 @@ class ResultDocument(Document):
     not_listed: dict[str, int] | None = None
     truth: dict[str, Any] | None = None
     inputs: dict[str, str]
-    software: dict[str, str] | None = None
+    software: dict[str, str]
     earth_orientation: dict[str, Any] | None = None
     corrections: dict[str, bool] | None = None
     notices: list[str] | None = None
@@ -188,6 +188,12 @@ class ResultDocument(Document):
         return np.array(self.mounting.matrix, dtype=np.float64)
 
     @property
+    def interval_95_E(self) -> NDArray[np.float64] | None:
+        """Half-widths (3,) rad of the 95 % intervals about E; None where none are stated."""
+        stated = self.interval_95_arcsec
+        return None if stated is None or None in stated else ARCSEC * np.array(stated, dtype=np.float64)
+
+    @property
     def covariance_E(self) -> NDArray[np.float64] | None:
         """The covariance (3, 3) rad^2 of its error about E; None where none is stated."""
         stated = self.covariance_arcsec2
@@ -202,10 +208,8 @@ def _require_rotation(C: NDArray[np.float64]) -> None:
         raise ValueError("mounting.matrix: found a reflection (determinant -1) where a rotation must be")
 
 
-def _require_one_mounting(C: NDArray[np.float64], q_xyzw: list[float] | None) -> None:
+def _require_one_mounting(C: NDArray[np.float64], q_xyzw: list[float]) -> None:
     """One rotation is stated twice: an edit of one alone leaves nobody knowing which to believe."""
-    if q_xyzw is None:
-        return
     if not abs(np.linalg.norm(q_xyzw) - 1.0) <= ROTATION:
         raise ValueError(
             f"mounting.quaternion_xyzw: found the norm {np.linalg.norm(q_xyzw):.6g}, which is not 1"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,11 +10,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..physics import so3
 from ..physics.earth import C_JT, itrf_to_geodetic
+from ..physics.units import DEG
 from ..table.campaign import Campaign
 from ..table.geometry import locate, position_covariance, stations
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
+
+GRAZING = 3.0 * DEG
+"""A line of sight that meets the ground at a smaller angle leaves no covariance: the ground bends before it ends."""
 
 
 @dataclass(frozen=True)
@@ -42,25 +47,31 @@ def ground(
     height: ArrayLike,
     sigma_px: float = 0.0,
     sigma_height: float = 0.0,
+    slopes: Callable[[Array], Array] | None = None,
 ) -> Location:
     """Ground points of pixels (n, 2) of images (n,) at heights above the ellipsoid, m, with their covariance.
 
-    A point ``p = r + s u`` slides on its level surface (normal n): ``dp = (I - u n^T / n.u) (s du + dr) + u dh / n.u``
-    with ``du = -C_JE [e_E] (d_E + alpha_E)`` plus the pixel's.  The errors of the mounting (``covariance_E`` rad^2), of
-    the image's attitude and of its position are taken as independent, as they are for an image that the mounting was
-    not estimated from.
+    A point ``p = r + s u`` slides on the ground: ``dp = (I - u n^T / n.u) (s du + dr) + u dh / n.u`` with
+    ``du = -C_JE [e_E] (d_E + alpha_E)`` plus the pixel's, dh the error of the height below it, and the normal
+    ``n = up - a east - b north`` of ground that rises by (a, b) to the east and north: what ``slopes`` makes of points
+    (n, 3), level where it is None.  Where a line of sight grazes the ground the covariance is NaN.
+    The errors of the mounting (``covariance_E`` rad^2), of the image's attitude and of its position are taken as
+    independent, as they are for an image that the mounting was not estimated from.
     Raises EpochError for an image outside the orbit or attitude; points are NaN where a line of sight misses the Earth.
     """
     station = stations(campaign, image, pixel[:, 1])
     p_J = locate(campaign, C_EK, image, pixel[:, 0], pixel[:, 1], height)
     latitude, longitude, level = itrf_to_geodetic(p_J)
     C = C_JT(latitude, longitude)
-    up = C[..., :, 2]
+    normal = C[..., :, 2]
+    if slopes is not None:
+        normal = normal - (C[..., :, :2] @ slopes(p_J)[..., None])[..., 0]
     distance = np.linalg.norm(p_J - station.r_J, axis=-1)
     u_J = (p_J - station.r_J) / distance[:, None]
     e_E = station.C_EJ @ u_J[..., None]
-    along = np.sum(up * u_J, axis=-1)[:, None, None]
-    slide = np.eye(3) - u_J[:, :, None] * up[:, None, :] / along
+    along = np.vecdot(normal, u_J)
+    along = np.where(along < -np.sin(GRAZING) * np.linalg.norm(normal, axis=-1), along, np.nan)[:, None, None]
+    slide = np.eye(3) - u_J[:, :, None] * normal[:, None, :] / along
     turn = -slide @ station.C_EJ.mT @ so3.skew(e_E[..., 0]) * distance[:, None, None]
     attitude_E = np.broadcast_to(campaign.cov_attitude_E, (len(campaign.images.ids), 3, 3))[image]
     covariance_J = turn @ (covariance_E + attitude_E) @ turn.mT

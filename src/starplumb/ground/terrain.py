@@ -11,7 +11,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from ..physics.earth import itrf_to_geodetic
+from ..physics.earth import C_JT, itrf_to_geodetic
 from ..table.campaign import Campaign
 from ..table.geometry import locate
 
@@ -67,3 +67,22 @@ def ground_height(
         is_above = above(np.array([middle]))[0] > 0.0
         high, low = (middle, low) if is_above else (high, middle)
     return float(0.5 * (high + low))
+
+
+def slopes(height_at: HeightAt, p_J: Array, step_m: float) -> Array:
+    """How much the ground rises to the east and to the north of points p_J (n, 3), (n, 2) m per m.
+
+    By its heights one cell, ``step_m``, to either side, or to the one that is known; NaN where neither is.
+    """
+    latitude, longitude, _ = itrf_to_geodetic(p_J)
+    here, C = height_at(latitude, longitude), C_JT(latitude, longitude)
+    rise = np.empty((len(p_J), 2))
+    for axis in range(2):
+        sides = (p_J + side * step_m * C[..., :, axis] for side in (-1.0, 1.0))
+        before, after = (height_at(*itrf_to_geodetic(p)[:2]) for p in sides)
+        known = np.isfinite(before).astype(np.float64) + np.isfinite(after)
+        run = np.where(known > 0.0, known * step_m, np.nan)
+        rise[:, axis] = (
+            np.where(np.isnan(after), here, after) - np.where(np.isnan(before), here, before)
+        ) / run
+    return rise

@@ -26,13 +26,15 @@ Settings = Annotated[
 class Campaign(Shown):
     """A campaign that was read and checked; ``source`` is what messages call it.
 
-    ``loaded`` holds the physics and what it was read from.
+    ``loaded`` holds the physics and what it was read from; ``path`` is that of its ``campaign.toml``, None where its
+    settings are from no file.
     """
 
     made_by: ClassVar[str] = "read_campaign"
 
     loaded: LoadedCampaign
     source: str
+    path: Path | None = None
 
     @classmethod
     @checked
@@ -41,7 +43,7 @@ class Campaign(Shown):
 
         Raises InputError, one sentence, for the first file that cannot be used.
         """
-        return cls(load_campaign(Path(path), with_detections=True), str(path))
+        return cls(load_campaign(Path(path), with_detections=True), str(path), Path(path))
 
     @classmethod
     @checked
@@ -56,7 +58,8 @@ class Campaign(Shown):
         """
         settings = Path(settings) if isinstance(settings, str) else settings
         loaded = load_campaign(settings, tables, with_detections=True)
-        return cls(loaded, str(settings) if isinstance(settings, Path) else loaded.campaign.name)
+        path = settings if isinstance(settings, Path) else None
+        return cls(loaded, loaded.campaign.name if path is None else str(path), path)
 
     @property
     def name(self) -> str:

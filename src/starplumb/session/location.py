@@ -13,31 +13,21 @@ from numpy.typing import NDArray
 from ..documents.numbers import numbers
 from ..ground.geolocation import block_count, positions, terrain_below
 from ..ground.locate import Location, ground
-from ..ground.terrain import ground_height
+from ..ground.terrain import ground_height, slopes
 from ..io.campaign.markers import bounds_px
 from ..io.gis.heights import Heights, Surface
 from ..io.gis.heights import surface as dem_surface
-from ..io.text.files import read_text
 from ..physics.errors import ArgumentError, InputError
 from ..physics.units import DEG
 from .arguments import NotNegative, checked
 from .campaign import Campaign
+from .mounting import Mounting, mounting_of
 from .result import Result
 from .show import Shown
 
 Array = NDArray[np.float64]
 Blocks = Callable[[Iterable[Any], int], Iterable[Any]]
 """Passes blocks of a grid on as they come, and shows how many of how many there are."""
-
-
-@dataclass(frozen=True)
-class Mounting:
-    """A mounting to locate with: ``C_EK`` (3, 3), the covariance (3, 3) rad^2 of its error about E, and where it is
-    from."""
-
-    C_EK: Array
-    covariance_E: Array
-    origin: str
 
 
 @dataclass(frozen=True)
@@ -75,27 +65,50 @@ class Place(Shown):
         return float(self.document["height_m"])
 
     @property
-    def covariance_east_north_up_m2(self) -> Array:
-        """The covariance (3, 3) of the position's error."""
-        return np.array(self.document["covariance_east_north_up_m2"])
+    def covariance_east_north_up_m2(self) -> Array | None:
+        """The covariance (3, 3) of the position's error; None where a part of it is nowhere stated."""
+        stated = self.document["covariance_east_north_up_m2"]
+        return None if stated is None else np.array(stated)
 
     @property
-    def sentences(self) -> Sequence[str]:
+    def notices(self) -> Sequence[str]:
+        """What should be known of the mounting."""
+        return tuple(self.document["notices"])
+
+    @property
+    def answer(self) -> Sequence[str]:
+        """The place and its sigmas."""
         d = self.document
-        east, north, up = d["sigma_east_north_up_m"]
+        if d["sigma_east_north_up_m"] is None:
+            sigma = f"sigma not stated: {d['no_sigma']} (mounting: {d['mounting']})"
+        else:
+            east, north, up = d["sigma_east_north_up_m"]
+            ground = (
+                f"ground height +- {d['sigma_height_m']:g} m"
+                if d["sigma_height_m"]
+                else "ground height as exact"
+            )
+            sigma = f"sigma {east:.2f} m east, {north:.2f} m north, {up:.2f} m up (mounting: {d['mounting']}; {ground})"
         return (
             f"latitude {d['latitude_deg']:.7f} deg, longitude {d['longitude_deg']:.7f} deg, "
             f"height {d['height_m']:.2f} m above the ellipsoid",
-            f"sigma {east:.2f} m east, {north:.2f} m north, {up:.2f} m up (mounting: {d['mounting']})",
+            sigma,
         )
+
+    @property
+    def sentences(self) -> Sequence[str]:
+        return (*self.answer, *(f"note: {notice}" for notice in self.notices))
 
     @property
     def details(self) -> Sequence[str]:
         """Numbers for whoever goes on computing."""
         x, y, z = self.document["itrf_m"]
         rows = self.document["covariance_east_north_up_m2"]
+        where = f"ITRF {x:.3f} {y:.3f} {z:.3f} m"
+        if rows is None:
+            return (where,)
         covariance = "; ".join(" ".join(f"{v:.4f}" for v in row) for row in rows)
-        return (f"ITRF {x:.3f} {y:.3f} {z:.3f} m", f"covariance east, north, up, m^2: {covariance}")
+        return (where, f"covariance east, north, up, m^2: {covariance}")
 
 
 @checked
@@ -115,10 +128,13 @@ def locate(
 ) -> Place:
     """The ground position of a pixel with its covariance.
 
-    ``result`` is a Result or the path of a ``result.json``; left out, the model mounting is used.  The ground is at
-    ``height_m`` above the ellipsoid (default 0), or where the line of sight first meets a ``dem``, whose ``heights``
-    are "ellipsoidal" or above the "geoid".  Raises InputError where a pixel, an image, a result or the
-    ground is unknown.
+    ``result`` is a Result, the path of a ``result.json``, or ``"model"`` for the campaign's model mounting; left out,
+    it is the ``result/result.json`` beside the campaign where that is there, may be used and is of these very
+    inputs, else the model.  The ground is at ``height_m`` above the ellipsoid (default 0), or where the line of sight
+    first meets a ``dem``, whose ``heights`` are "ellipsoidal" or above the "geoid"; ``sigma_height_m`` is the sigma of
+    either.  The covariance is None where the mounting's error is nowhere stated or the line of sight grazes the slope.
+
+    Raises InputError where a pixel, an image, a result or the ground is unknown.
     """
     view = view_of(campaign, result, image, height_m, dem, heights, geoid)
     return place(view, (column, row), sigma_px, sigma_height_m)
@@ -146,45 +162,6 @@ def view_of(
     return View(campaign, ids.index(image), mounting_of(campaign, result), below, height_m or 0.0)
 
 
-def mounting_of(campaign: Campaign, result: Result | str | Path | None) -> Mounting:
-    """The mounting of a result, of a ``result.json``, or the campaign's model with its prior where one is stated."""
-    if isinstance(result, Result):
-        result.raise_if_unusable()
-        covariance = result.calibration.estimate.covariance_E
-        stated = "" if covariance is not None else ", no sigma stated"
-        zero = np.zeros((3, 3)) if covariance is None else covariance
-        return Mounting(result.C_EK, zero, f"result, {result.method}{stated}")
-    if result is not None:
-        return _read_mounting(campaign, Path(result))
-    sigma = campaign.loaded.campaign.sigma_mounting
-    if sigma is None:
-        return Mounting(campaign.C_EK, np.zeros((3, 3)), "model, its own error not stated and not included")
-    return Mounting(campaign.C_EK, np.diag(sigma**2), "model with its stated sigma")
-
-
-def _read_mounting(campaign: Campaign, path: Path) -> Mounting:
-    """That of a ``result.json``.
-
-    Raises InputError where the file is no such result, its frames are not the campaign's, or its status forbids it.
-    """
-    from ..documents.result import ResultDocument
-
-    document = ResultDocument.from_json(read_text(path), str(path))
-    if not document.usable:
-        raise InputError(
-            f"{path}: status: found {document.status!r}, wanted a result whose mounting may be used (ok or weak)"
-        )
-    found, wanted = (document.mounting.from_, document.mounting.to), campaign.frames
-    if found != wanted:
-        raise InputError(
-            f"{path}: mounting: found {found[0]} to {found[1]}, wanted {wanted[0]} to {wanted[1]}"
-        )
-    covariance = document.covariance_E
-    stated = "" if covariance is not None else ", no sigma stated"
-    zero = np.zeros((3, 3)) if covariance is None else covariance
-    return Mounting(document.C_EK, zero, f"{path.name}, {document.method}{stated}")
-
-
 def place(view: View, pixel: tuple[float, float], sigma_px: float, sigma_height_m: float) -> Place:
     """The ground position of a pixel, counted as the user does, with its covariance."""
     loaded = view.campaign.loaded
@@ -192,15 +169,18 @@ def place(view: View, pixel: tuple[float, float], sigma_px: float, sigma_height_
     ours = np.array([pixel]) - loaded.shift_px
     height_m = _ground_height(view, ours[0], pixel)
     mounting, image = view.mounting, np.array([view.image])
+    spread = np.zeros((3, 3)) if mounting.covariance_E is None else mounting.covariance_E
+    surface = view.surface
+    rise = None if surface is None else lambda p_J: slopes(surface.at, p_J, surface.dem.step_m)
     where = ground(
-        loaded.campaign, mounting.C_EK, mounting.covariance_E, image, ours, height_m, sigma_px, sigma_height_m
+        loaded.campaign, mounting.C_EK, spread, image, ours, height_m, sigma_px, sigma_height_m, rise
     )
     if not np.all(np.isfinite(where.p_J)):
         raise InputError(
             f"{view.campaign.source}: the line of sight of pixel ({pixel[0]:g}, {pixel[1]:g}) of {view.image_id} "
             "misses the Earth"
         )
-    return Place(_document(where, view, pixel))
+    return Place(_document(where, view, pixel, sigma_height_m))
 
 
 def _ground_height(view: View, ours: Array, pixel: tuple[float, float]) -> float:
@@ -217,7 +197,14 @@ def _ground_height(view: View, ours: Array, pixel: tuple[float, float]) -> float
     return found
 
 
-def _document(where: Location, view: View, pixel: tuple[float, float]) -> dict[str, Any]:
+def _document(
+    where: Location, view: View, pixel: tuple[float, float], sigma_height_m: float
+) -> dict[str, Any]:
+    lacks = None
+    if view.mounting.covariance_E is None:
+        lacks = "the error of the model mounting is not stated (mounting.sigma_arcsec)"
+    elif not np.all(np.isfinite(where.covariance_T)):
+        lacks = "the line of sight grazes the slope"
     return {
         "image_id": view.image_id,
         "column_px": pixel[0],
@@ -227,8 +214,11 @@ def _document(where: Location, view: View, pixel: tuple[float, float]) -> dict[s
         "longitude_deg": float(where.longitude[0] / DEG),
         "height_m": float(where.height[0]),
         "itrf_m": numbers(where.p_J[0]),
-        "covariance_east_north_up_m2": numbers(where.covariance_T[0]),
-        "sigma_east_north_up_m": numbers(where.sigma_T[0]),
+        "covariance_east_north_up_m2": numbers(where.covariance_T[0]) if lacks is None else None,
+        "sigma_east_north_up_m": numbers(where.sigma_T[0]) if lacks is None else None,
+        "sigma_height_m": sigma_height_m,
+        **({} if lacks is None else {"no_sigma": lacks}),
+        "notices": list(view.mounting.notices),
     }
 
 
@@ -239,13 +229,23 @@ class Grid(Shown):
     document: dict[str, Any]
 
     @property
-    def sentences(self) -> Sequence[str]:
+    def notices(self) -> Sequence[str]:
+        """What should be known of the mounting."""
+        return tuple(self.document["notices"])
+
+    @property
+    def answer(self) -> Sequence[str]:
+        """What the file holds."""
         d = self.document
         size = f"{d['rows']} x {d['columns']}"
         lines = [f"{d['file']}: longitude, latitude, height of {size} pixels (mounting: {d['mounting']})"]
         if d["pixels_without_ground"]:
             lines.append(f"{d['pixels_without_ground']} of them have no ground in the DEM and are NaN")
         return tuple(lines)
+
+    @property
+    def sentences(self) -> Sequence[str]:
+        return (*self.answer, *(f"note: {notice}" for notice in self.notices))
 
 
 def write_grid(
@@ -286,6 +286,7 @@ def write_grid(
             "step_px": every,
             "bands": ["longitude_deg", "latitude_deg", "height_m"],
             "pixels_without_ground": missing,
+            "notices": list(view.mounting.notices),
         }
     )
 

@@ -1,0 +1,149 @@
+"""The mounting that pixels are located with: that of a result, or the campaign's model."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..documents.result import ResultDocument
+from ..estimators.protocol import Status
+from ..io.text.files import read_text
+from ..physics.errors import InputError
+from .campaign import Campaign
+from .result import Result
+
+Array = NDArray[np.float64]
+
+MODEL = "model"
+"""What stands in place of a result to ask for the model mounting."""
+BESIDE = Path("result", "result.json")
+"""Where ``starplumb calibrate`` leaves its result, beside the campaign."""
+NORMAL_95 = 1.959963985
+"""Half-width of the 95 % interval of a normal distribution, in sigmas."""
+
+
+@dataclass(frozen=True)
+class Mounting:
+    """A mounting to locate with: ``C_EK`` (3, 3), the covariance (3, 3) rad^2 of its error about E, None where that is
+    nowhere stated, and where it is from; ``notices`` are sentences that the user should see."""
+
+    C_EK: Array
+    covariance_E: Array | None
+    origin: str
+    notices: tuple[str, ...] = ()
+
+
+def mounting_of(campaign: Campaign, result: Result | str | Path | None) -> Mounting:
+    """The mounting of a result or of a ``result.json``; ``"model"``: the campaign's model, with its prior where one is
+    stated; None: that of the result beside the campaign, the model's where there is none that may be used.
+
+    Raises InputError where a result that was asked for cannot be used.
+    """
+    if isinstance(result, Result):
+        return _of_result(campaign, result)
+    if result is not None:
+        return _model(campaign) if str(result) == MODEL else _named(campaign, Path(result))
+    path = None if campaign.path is None else campaign.path.parent / BESIDE
+    return _model(campaign) if path is None or not path.exists() else _beside(campaign, path)
+
+
+def _model(campaign: Campaign, *notices: str) -> Mounting:
+    sigma = campaign.loaded.campaign.sigma_mounting
+    if sigma is None:
+        return Mounting(campaign.C_EK, None, "model, its own error not stated", notices)
+    return Mounting(campaign.C_EK, np.diag(sigma**2), "model with its stated sigma", notices)
+
+
+def _of_result(campaign: Campaign, result: Result) -> Mounting:
+    result.raise_if_unusable()
+    c, name = result.calibration, f"result, {result.method}"
+    covariance, half = c.estimate.covariance_E, c.interval_95_E
+    mounting = _stated(result.C_EK, covariance, half, c.status is Status.WEAK, name, "the result")
+    return replace(mounting, notices=_other_inputs(result.campaign.loaded.inputs, campaign, "the result"))
+
+
+def _named(campaign: Campaign, path: Path) -> Mounting:
+    """That of a ``result.json`` asked for; inputs that differ are a notice."""
+    document = _document(campaign, path)
+    return replace(_of_document(document, path), notices=_other_inputs(document.inputs, campaign, str(path)))
+
+
+def _beside(campaign: Campaign, path: Path) -> Mounting:
+    """That of the result beside the campaign, unless it must not be used or is not of these inputs."""
+    try:
+        document = _document(campaign, path)
+        mounting = _of_document(document, path)
+    except InputError as error:
+        return _model(campaign, f"{error}; it is not used, the mounting is the model's")
+    if changed := _changed(document.inputs, campaign.loaded.inputs):
+        return _model(
+            campaign,
+            f"{path}: not used, because {_listed(changed)} changed since; the mounting is the model's: "
+            "calibrate again, or name this result (--result) to use it nevertheless",
+        )
+    return mounting
+
+
+def _document(campaign: Campaign, path: Path) -> ResultDocument:
+    """Raises InputError where the file is no result, its frames are not the campaign's, or its status forbids it."""
+    document = ResultDocument.from_json(read_text(path), str(path))
+    if not document.usable:
+        raise InputError(
+            f"{path}: status: found {document.status!r}, wanted a result whose mounting may be used (ok or weak)"
+        )
+    found, wanted = (document.mounting.from_, document.mounting.to), campaign.frames
+    if found != wanted:
+        raise InputError(
+            f"{path}: mounting: found {found[0]} to {found[1]}, wanted {wanted[0]} to {wanted[1]}"
+        )
+    return document
+
+
+def _of_document(document: ResultDocument, path: Path) -> Mounting:
+    name = f"{path.name}, {document.method}"
+    weak = document.status == Status.WEAK.name.lower()
+    return _stated(document.C_EK, document.covariance_E, document.interval_95_E, weak, name, str(path))
+
+
+def _stated(
+    C_EK: Array, covariance_E: Array | None, half: Array | None, weak: bool, origin: str, where: str
+) -> Mounting:
+    """A usable mounting; a weak one is as good as its 95 % interval says, which is widened by what was found."""
+    if covariance_E is None:
+        raise InputError(
+            f"{where}: covariance_arcsec2: found null, wanted a result that states it, such as that of the method gls: "
+            "a sigma on the ground would leave out the mounting's own"
+        )
+    if weak and half is not None:
+        return Mounting(
+            C_EK, _widened(covariance_E, half), f"{origin}, weak: its sigma widened as its 95 % interval"
+        )
+    return Mounting(C_EK, covariance_E, origin)
+
+
+def _widened(covariance_E: Array, half_E: Array) -> Array:
+    """The covariance (3, 3) with sigmas as large as the half-widths (3,) over 1.96 ask for, its correlations kept."""
+    sigma = np.sqrt(np.diagonal(covariance_E))
+    factor = np.ones(3)
+    np.divide(half_E / NORMAL_95, sigma, out=factor, where=sigma > 0.0)
+    factor = np.maximum(factor, 1.0)
+    return np.asarray(factor[:, None] * covariance_E * factor)
+
+
+def _changed(then: Mapping[str, str], now: Mapping[str, str]) -> list[str]:
+    """Inputs that differ, or that only one of the two has."""
+    return sorted(name for name in {*then, *now} if then.get(name) != now.get(name))
+
+
+def _other_inputs(then: Mapping[str, str], campaign: Campaign, where: str) -> tuple[str, ...]:
+    changed = _changed(then, campaign.loaded.inputs)
+    told = f"{where}: made from other inputs than this campaign's ({_listed(changed)} differ), used as asked"
+    return (told,) if changed else ()
+
+
+def _listed(names: list[str]) -> str:
+    return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
