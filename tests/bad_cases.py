@@ -270,8 +270,8 @@ KEYS = [
     ),
     BadCase(
         "frame-unknown",
-        swap(TOML, '"ITRF"', '"TEME"'),
-        ("ephemeris.frame", 'found "TEME"', '"ITRF" or "GCRF"'),
+        swap(TOML, '"ITRF"', '"LVLH"'),
+        ("ephemeris.frame", 'found "LVLH"', '"ITRF", "GCRF", "TEME", "TOD" or "MOD"'),
     ),
     BadCase(
         "format-unknown",

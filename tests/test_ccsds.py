@@ -158,7 +158,7 @@ def test_oem_frames(put, text, frame):
     assert read_oem(put(oem_kvn(OEM_META | {"REF_FRAME": text}))).frame == frame
 
 
-@pytest.mark.parametrize("frame", ["TEME", "TOD", "MOD", "GRC", "TDR", "EFG", "ITRF20145", "XITRF"])
+@pytest.mark.parametrize("frame", ["TEMEX", "TOD_MARS", "GRC", "TDR", "EFG", "ITRF20145", "XITRF"])
 def test_oem_refuses_other_frames(put, frame):
     with pytest.raises(InputError, match=rf"input.dat, line 8: REF_FRAME is '{frame}', wanted ITRF"):
         read_oem(put(oem_kvn(OEM_META | {"REF_FRAME": frame})))

@@ -18,6 +18,7 @@ from starplumb.io.campaign.write import write_campaign
 from starplumb.physics.errors import EpochError, InputError
 from starplumb.physics.units import ARCSEC
 from starplumb.table.campaign import Campaign, Images, Landmarks
+from starplumb.table.geometry import position_covariance
 
 TOML, IDENTITY = "campaign.toml", "quaternion_xyzw = [0.0, 0.0, 0.0, 1.0]"
 GM, OMEGA = 3.986004418e14, 7.292115e-5
@@ -167,9 +168,26 @@ def test_arcs_of_a_message_are_not_joined(tmp_path: Path) -> None:
                 ephemeris.at(at)
 
 
-@pytest.mark.parametrize("word", ["GCRF", "J2000"])
+def C_JF(word: str, seconds: float) -> np.ndarray:
+    """ITRF from an inertial frame, by ERFA's own series, so many seconds into 2020."""
+    # 2020-01-01 UTC: TT - UTC = 69.184 s; UT1 - UTC = -0.17713 s, pole (0.0766, 0.2827) arcsec by IERS Bulletin B
+    tt = 2458849.5, (69.184 + seconds) / 86400
+    ut1 = 2458849.5, (-0.17713 + seconds) / 86400
+    pole = 0.0766 * ARCSEC, 0.2827 * ARCSEC
+    C_JI = erfa.c2t06a(*tt, *ut1, *pole)
+    match word:
+        case "TEME":  # Vallado, AIAA 2006-6753: the sidereal time of 1982 takes it into the Earth
+            return erfa.pom00(*pole, erfa.sp00(*tt)) @ erfa.rz(erfa.gmst82(*ut1), np.eye(3))
+        case "TOD":
+            return C_JI @ erfa.pnm06a(*tt).T
+        case "MOD":
+            return C_JI @ erfa.pmat06(*tt).T
+    return C_JI
+
+
+@pytest.mark.parametrize("word", ["GCRF", "J2000", "EME2000", "ICRF", "TEME", "TOD", "MOD"])
 def test_inertial_orbit_is_turned_at_its_own_epochs(tmp_path: Path, word: str) -> None:
-    """A circular orbit by hand in GCRF; r_J by ERFA's own series, v_J by differences of it."""
+    """A circular orbit by hand in an inertial frame; r_J by ERFA's own series, v_J by differences of it."""
     radius = 7.0e6
     rate = np.sqrt(GM / radius**3)
 
@@ -178,16 +196,7 @@ def test_inertial_orbit_is_turned_at_its_own_epochs(tmp_path: Path, word: str) -
         return radius * np.array([c, 0.6 * s, 0.8 * s]), radius * rate * np.array([-s, 0.6 * c, 0.8 * c])
 
     def r_J(seconds: float) -> np.ndarray:
-        # 2020-01-01 UTC: TT - UTC = 69.184 s; UT1 - UTC = -0.17713 s, pole (0.0766, 0.2827) arcsec by IERS Bulletin B
-        C_JI = erfa.c2t06a(
-            2458849.5,
-            (69.184 + seconds) / 86400,
-            2458849.5,
-            (-0.17713 + seconds) / 86400,
-            0.0766 * ARCSEC,
-            0.2827 * ARCSEC,
-        )
-        return np.asarray(C_JI @ state(seconds)[0])
+        return np.asarray(C_JF(word, seconds) @ state(seconds)[0])
 
     rows = [
         f"2020-01-01T00:00:{10 * i:02d}," + ",".join(map(repr, np.concatenate(state(10.0 * i)).tolist()))
@@ -199,11 +208,51 @@ def test_inertial_orbit_is_turned_at_its_own_epochs(tmp_path: Path, word: str) -
     )
     loaded = load_campaign(path)
     campaign = loaded.campaign
-    assert campaign.position_frame == "GCRF"
+    assert campaign.position_frame == (word if word in ("TEME", "TOD", "MOD") else "GCRF")
     assert not loaded.predicted_orientation
     r, v = campaign.ephemeris.at(campaign.images.t_ns[:1] + 10**10)  # 11.5 s
     np.testing.assert_allclose(r[0], r_J(11.5), atol=0.05)  # 1 mas at 7000 km is 3 cm
     np.testing.assert_allclose(v[0], (r_J(12.5) - r_J(10.5)) / 2.0, atol=0.01)
+
+
+@pytest.mark.parametrize("word", ["EME2000", "TEME", "TOD", "MOD"])
+@pytest.mark.parametrize("reverse", [False, True], ids=["to tracker", "from tracker"])
+def test_an_attitude_in_an_inertial_frame_is_that_in_the_earths(
+    tmp_path: Path, word: str, reverse: bool
+) -> None:
+    """The attitude of the campaign by hand, C_EJ at rest, written as C_EJ C_JF with ERFA's C_JF."""
+    C_EJ = Rotation.from_quat([0.5, 0.5, -0.5, 0.5]).as_matrix()
+    turns = [Rotation.from_matrix(C_EJ @ C_JF(word, s)) for s in range(5)]
+    rows = [
+        f"2020-01-01T00:00:0{s}.000," + ",".join(map(repr, (t.inv() if reverse else t).as_quat().tolist()))
+        for s, t in enumerate(turns)
+    ]
+    ends = f'from = "star_tracker"\nto = "{word}"' if reverse else f'from = "{word}"\nto = "star_tracker"'
+    toml = CAMPAIGN.replace('from = "ITRF"\nto = "star_tracker"', ends)
+    table = "\n".join(["time,qx,qy,qz,qw", *rows])
+    loaded = load_campaign(write_good_campaign(tmp_path, attitude=table, campaign=toml))
+    found, omega_E = loaded.campaign.attitude.at(loaded.campaign.images.t_ns)
+    off = Rotation.from_matrix(found @ C_EJ.T).as_rotvec() / ARCSEC
+    assert np.max(np.abs(off)) < 2e-3
+    assert np.max(np.abs(omega_E)) < 1e-9
+
+
+def test_sigmas_of_positions_are_along_the_axes_of_their_frame(tmp_path: Path) -> None:
+    """One sigma of a kilometre: precession since 2000 turns 1.9 m of it into the plane across."""
+    for name in ("GCRF", "TEME"):
+        stated = f'frame = "{name}"\nsigma_m = [1.0, 1.0, 1000.0]'
+        campaign = load(tmp_path / name, (TOML, 'frame = "ITRF"\nsigma_m = 3.0', stated)).campaign
+        C = C_JF(name, 1.5)
+        np.testing.assert_allclose(
+            position_covariance(campaign)[0], C @ np.diag([1.0, 1.0, 1e6]) @ C.T, atol=0.05
+        )
+
+
+def test_a_campaign_in_a_frame_of_date_is_written_and_read_again(tmp_path: Path) -> None:
+    campaign = load(tmp_path / "a", (TOML, 'frame = "ITRF"', 'frame = "TEME"')).campaign
+    again = load_campaign(write_campaign(tmp_path / "b", campaign)).campaign
+    assert again.position_frame == "TEME"
+    assert_same(again, campaign)
 
 
 def test_sigmas_of_the_attitude_table(tmp_path: Path) -> None:

@@ -159,7 +159,7 @@ class Campaign:
     sigma_mounting: Array | None
     ephemeris: Ephemeris
     sigma_position: Array
-    position_frame: Literal["ITRF", "GCRF"]
+    position_frame: Literal["ITRF", "GCRF", "TEME", "TOD", "MOD"]
     attitude: Attitude | FusedAttitude
     cov_attitude_E: Array
     landmarks: Landmarks
@@ -181,7 +181,7 @@ class Campaign:
             raise ValueError(f"cov_attitude_E has shape {shape}, wanted (3, 3) or ({m}, 3, 3)")
         if self.camera.scans and self.images.line_period_s is None:
             raise ValueError("a line scanner's images need their line_period_s")
-        if self.position_frame == "GCRF" and self.orientation is None:
+        if self.position_frame != "ITRF" and self.orientation is None:
             raise ValueError("an inertial position_frame needs the orientation of the Earth")
         _indices("image", self.sightings.image, m)
         _indices("landmark", self.sightings.landmark, len(self.landmarks.ids))

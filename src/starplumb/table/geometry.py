@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..physics.earth import intersect_ellipsoid
 from ..physics.errors import EpochError, InputError
 from ..physics.light import Corrections, apparent_direction
+from ..physics.orientation import C_IF
 from .campaign import Campaign
 from .equation import pixel_residual, predict
 from .observations import Observations, sight
@@ -69,7 +70,10 @@ def position_axes(campaign: Campaign) -> Array:
         return np.broadcast_to(np.eye(3), (campaign.images.t_ns.size, 3, 3))
     if campaign.orientation is None:
         raise ValueError("an inertial ephemeris needs the orientation of the Earth")
-    return campaign.orientation.C_IJ(campaign.images.t_ns).mT
+    C_JI = campaign.orientation.C_IJ(campaign.images.t_ns).mT
+    if campaign.position_frame == "GCRF":
+        return C_JI
+    return np.asarray(C_JI @ C_IF(campaign.position_frame, campaign.images.t_ns))
 
 
 def _directions(campaign: Campaign, station: Stations, p_J: Array) -> dict[str, Any]:

@@ -11,6 +11,7 @@ from ..tables.read import TABLE_SUFFIXES
 from ..text.files import show
 from ..text.sections import Section
 from ..text.values import (
+    GCRF,
     Covariance,
     Positive,
     Prior,
@@ -23,8 +24,8 @@ from ..text.values import (
 )
 from .fixed_frames import CAMERA, Frames, Rotation, written_frames
 
-EARTH_FRAMES = ("GCRF", "J2000", "ITRF")
-"""Frames an attitude may start from or lead to; J2000 is read as a synonym of GCRF."""
+EARTH_FRAMES = (*GCRF, "ITRF", "TEME", "TOD", "MOD")
+"""Frames an attitude may start from or lead to."""
 
 SUFFIXES = (*TABLE_SUFFIXES, ".aem", ".xml")
 """Endings of files of attitude."""
@@ -108,7 +109,7 @@ class AttitudeConfig(Section):
         if all(isinstance(end, str) for end in ends) and sum(end in EARTH_FRAMES for end in ends) != 1:
             yield (
                 "from",
-                f'found "{ends[0]}" to "{ends[1]}", wanted GCRF (or J2000) or ITRF on exactly one side',
+                f'found "{ends[0]}" to "{ends[1]}", wanted GCRF (or J2000), TEME, TOD, MOD or ITRF on exactly one side',
             )
         yield from sharing_rules(given)
         if "sigma_arcsec" in given and "covariance_arcsec2" in given:

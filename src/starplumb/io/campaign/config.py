@@ -115,7 +115,7 @@ class EphemerisConfig(Section):
     file: Annotated[str, BeforeValidator(file_name(*SUFFIXES["ephemeris"]))] = Field(
         description="the name of the file of positions"
     )
-    frame: Frame = Field(description='"ITRF" or "GCRF"')
+    frame: Frame = Field(description='"ITRF", "GCRF", "TEME", "TOD" or "MOD"')
     sigma_m: Sigma = Field(description="the position's sigma (one number or three), which the solution needs")
     max_gap_s: Positive | None = Field(
         default=None, description="the largest spacing joined by interpolation, a positive number"

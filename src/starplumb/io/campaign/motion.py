@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 
 from ...physics import so3
 from ...physics.earth import OMEGA_EARTH
 from ...physics.errors import EpochError, InputError
-from ...physics.orientation import EarthOrientation
+from ...physics.orientation import C_IF, FRAMES_OF_DATE, EarthOrientation
 from ...physics.rounding import decimal_step
 from ...physics.series import Attitude, Ephemeris
 from ...physics.timescales import format_iso
@@ -21,7 +20,7 @@ from ..tables.cells import Array
 from ..tables.columns import CARTESIAN
 from ..tables.read import Epochs, Table, TableSource, other_format, read_table
 from ..text.files import show
-from ..text.frames import earth_frame
+from ..text.frames import EarthFrame, earth_frame
 from ..text.values import UNIT_TOLERANCE
 from .attitude_config import AttitudeConfig
 from .config import EphemerisConfig
@@ -43,7 +42,7 @@ class AttitudeSamples:
 
     t_ns: Epochs
     q_EF: Array
-    frame: Literal["GCRF", "ITRF"]
+    frame: EarthFrame
     sigma: Array | None
     name: str
     starts: tuple[int, ...] = ()
@@ -72,7 +71,7 @@ def read_ephemeris(
         raise InputError(f"{source}: found the frame {word}, wanted {config.frame} as ephemeris.frame says")
     _require_orbit(source, table)
     r_J, v_J = table.r, table.v
-    if orientation is not None and table.frame == "GCRF":
+    if orientation is not None and table.frame != "ITRF":
         r_J, v_J = earth_fixed(source, table, orientation)
     try:
         starts = tuple(start for start, _ in table.segments[1:])
@@ -98,9 +97,14 @@ def read_attitude(
 def earth_fixed(
     source: TableSource, table: EphemerisTable, orientation: EarthOrientation
 ) -> tuple[Array, Array | None]:
-    """Inertial states in J at their own epochs: ``r_J = C_JI r_I`` and ``v_J = C_JI v_I - omega x r_J``."""
+    """Inertial states in J at their own epochs: ``r_J = C_JI r_I`` and ``v_J = C_JI v_I - omega x r_J``.
+
+    States in a frame F of date are first turned by ``C_IF``, which itself turns by less than 1e-11 rad/s.
+    """
     try:
         C_JI = orientation.C_IJ(table.t_ns).mT
+        if table.frame in FRAMES_OF_DATE:
+            C_JI = C_JI @ C_IF(table.frame, table.t_ns)
     except EpochError as error:
         raise InputError(f"{source}, sample {error.row + 1}: {error}") from None
     r_J = np.einsum("nij,nj->ni", C_JI, table.r)
@@ -224,7 +228,7 @@ def _standard_attitude(
     return AttitudeSamples(table.t_ns, q, frame, None, str(path), starts)
 
 
-def _to_tracker(q: Array, source: str, target: str) -> tuple[Array, Literal["GCRF", "ITRF"]]:
+def _to_tracker(q: Array, source: str, target: str) -> tuple[Array, EarthFrame]:
     """q_EF and F of quaternions that take ``source`` to ``target``, one of which is F."""
     if (frame := earth_frame(source)) is not None:
         return q, frame
@@ -239,15 +243,21 @@ def attitude_series(
     orientation: EarthOrientation | None,
     C_EA: Array | None = None,
 ) -> Attitude:
-    """The series that interpolates the samples, turned by ``C_EA`` (3, 3) where E is not their own frame A."""
+    """The series that interpolates the samples, turned by ``C_EA`` (3, 3) where E is not their own frame A.
+
+    Samples that refer to a frame F of date are turned into the GCRF: ``C_EI = C_EF C_IF^T``.
+    """
+    q_EF, frame = samples.q_EF, samples.frame
+    if frame == "TEME" or frame == "TOD" or frame == "MOD":  # mypy follows this
+        C_EI = so3.from_quaternion(q_EF) @ C_IF(frame, samples.t_ns).mT
+        q_EF, frame = so3.to_quaternion(C_EI), "GCRF"
     if C_EA is not None:
-        q_EF = so3.to_quaternion(C_EA @ so3.from_quaternion(samples.q_EF))
-        samples = replace(samples, q_EF=q_EF)
-    inertial = orientation if samples.frame == "GCRF" else None
+        q_EF = so3.to_quaternion(C_EA @ so3.from_quaternion(q_EF))
+    inertial = orientation if frame == "GCRF" else None
     return Attitude(
         samples.t_ns,
-        samples.q_EF,
-        samples.frame,
+        q_EF,
+        frame,
         inertial,
         config.max_gap_s,
         samples.name,

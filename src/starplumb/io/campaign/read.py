@@ -19,6 +19,7 @@ from ..gis.heights import Ground
 from ..tables.cells import Array
 from ..tables.read import Frame, TableSource
 from ..text.files import fingerprint, trouble
+from ..text.frames import earth_frame
 from ..text.toml import check, refuse
 from . import markers, motion
 from .attitude import Exposures, model_mounting, read_attitude
@@ -154,7 +155,8 @@ def _fingerprints(name: str, place: TableSource) -> dict[str, str]:
 def _orientation(config: CampaignConfig, files: Mapping[str, TableSource]) -> EarthOrientation | None:
     """The Earth's orientation where a frame of the campaign is inertial."""
     frames = {config.ephemeris.frame}.union(*((a.source, a.target) for a in config.attitudes.values()))
-    return EarthOrientation.load(_path(files, "earth.orientation_file")) if "GCRF" in frames else None
+    inertial = {earth_frame(frame) for frame in frames} - {"ITRF", None}
+    return EarthOrientation.load(_path(files, "earth.orientation_file")) if inertial else None
 
 
 def _assemble(

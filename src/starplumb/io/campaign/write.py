@@ -11,6 +11,7 @@ from ...physics import so3
 from ...physics.camera import FrameCamera, LineScanCamera
 from ...physics.earth import C_JT, itrf_to_geodetic
 from ...physics.light import inertial_velocity
+from ...physics.orientation import C_IF
 from ...physics.units import ARCSEC, DEG, MM, UM
 from ...table.campaign import Campaign, Detections, Landmarks
 from ..tables.cells import Array
@@ -65,8 +66,10 @@ def write_campaign(
 
 def _ephemeris(campaign: Campaign, scale: str) -> str:
     t_ns, r, v = campaign.ephemeris.t_ns, campaign.ephemeris.r_J, campaign.ephemeris.v_J
-    if campaign.position_frame == "GCRF" and campaign.orientation is not None:
+    if campaign.position_frame != "ITRF" and campaign.orientation is not None:
         C_IJ = campaign.orientation.C_IJ(t_ns)
+        if campaign.position_frame != "GCRF":
+            C_IJ = C_IF(campaign.position_frame, t_ns).mT @ C_IJ
         v = None if v is None else np.einsum("nij,nj->ni", C_IJ, inertial_velocity(r, v))
         r = np.einsum("nij,nj->ni", C_IJ, r)
     header, columns = ["time", *CARTESIAN], [times(t_ns, scale), *r.mT]

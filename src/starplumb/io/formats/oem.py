@@ -53,7 +53,9 @@ OEM = Dialect(
     ),
 )
 _KM = 3
-_ACCEPTED = "ITRF or one of its realisations (ITRF-97, ITRF2014 ...), WGS84, GCRF, ICRF, EME2000 or J2000"
+_ACCEPTED = (
+    "ITRF or one of its realisations (ITRF-97 ...), WGS84, GCRF, ICRF, EME2000, J2000, TEME, TOD or MOD"
+)
 
 
 def read_oem(path: str | Path) -> EphemerisTable:
@@ -96,7 +98,7 @@ def read_oem(path: str | Path) -> EphemerisTable:
 
 
 def _frame(message: Message, segment: Segment) -> str:
-    """ITRF or GCRF; the centre must be the Earth's."""
+    """The frame by our name; the centre must be the Earth's."""
     center = segment.meta["CENTER_NAME"]
     if center.text.upper() != "EARTH":
         raise message.error(center.line, f"CENTER_NAME is {center.text!r}, wanted EARTH")

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from ..text.frames import earth_frame
+
 FloatArray = npt.NDArray[np.float64]
 EpochArray = npt.NDArray[np.int64]
 Rows = tuple[int, int]
@@ -17,7 +19,8 @@ class EphemerisTable:
     """Positions of one object relative to the Earth's centre, in the frame the file names.
 
     ``t_ns`` (n,) strictly increasing; ``r`` (n, 3) m; ``v`` (n, 3) m/s or None (relative to the turning Earth
-    where ``frame`` is ITRF). ``frame`` is "ITRF" or "GCRF", ``frame_text`` the file's own word for it.
+    where ``frame`` is ITRF). ``frame`` is "ITRF", "GCRF", "TEME", "TOD" or "MOD",
+    ``frame_text`` the file's own word for it.
     ``segments`` are the rows [start, stop) of each arc: do not interpolate from one into the next.
     ``notices`` are sentences for the user about whatever was left out.
     """
@@ -37,8 +40,8 @@ class EphemerisTable:
         _check_rows(self.t_ns, self.segments)
         if self.r.shape != (len(self.t_ns), 3) or (self.v is not None and self.v.shape != self.r.shape):
             raise ValueError("r and v must be (n, 3) beside t_ns (n,)")
-        if self.frame not in ("ITRF", "GCRF"):
-            raise ValueError(f"frame is ITRF or GCRF, not {self.frame}")
+        if earth_frame(self.frame) != self.frame:
+            raise ValueError(f"frame is ITRF, GCRF, TEME, TOD or MOD, not {self.frame}")
 
 
 @dataclass(frozen=True)

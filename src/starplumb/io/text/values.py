@@ -97,9 +97,13 @@ def file_name(*endings: str) -> Callable[[object], object]:
     return check
 
 
+GCRF = ("GCRF", "J2000", "EME2000", "ICRF")
+"""Names of one frame: the bias between them is 0.02 arcsec."""
+
+
 def frame_name(value: object) -> object:
-    """J2000 is read as a synonym of GCRF (the frame bias between them is 0.02 arcsec)."""
-    return "GCRF" if value == "J2000" else value
+    """J2000, EME2000 and ICRF are read as synonyms of GCRF."""
+    return "GCRF" if value in GCRF else value
 
 
 def choice(*words: str) -> BeforeValidator:
@@ -196,4 +200,7 @@ Prior = Annotated[
     tuple[float, float, float],
     BeforeValidator(one_or_three("one positive finite number or three", _positive)),
 ]
-Frame = Annotated[Literal["ITRF", "GCRF"], choice("ITRF", "GCRF"), BeforeValidator(frame_name)]
+_FRAMES = ("ITRF", "GCRF", "TEME", "TOD", "MOD")
+Frame = Annotated[
+    Literal["ITRF", "GCRF", "TEME", "TOD", "MOD"], choice(*_FRAMES), BeforeValidator(frame_name)
+]

@@ -75,7 +75,7 @@ def _reread(q_xyzw: Array, roll: int, reverse: bool, inverse_in_file: bool) -> A
 def _attitude(campaign: Campaign, written: Written) -> Iterator[Mistake]:
     """Order, direction and frame of the attitude, alone and together."""
     stated = campaign.attitudes[0].frame
-    other = "ITRF" if stated == "GCRF" else "GCRF"
+    other = "GCRF" if stated == "ITRF" else "ITRF"
     for (order, roll), reverse, reframe in product(_ORDERS.items(), (False, True), (False, True)):
         parts = [order] if order else []
         parts += ["turning the other way (from and to exchanged)"] if reverse else []
@@ -118,6 +118,15 @@ def _inertial(e: Ephemeris, orientation: Orientation) -> tuple[Array, Array | No
     return np.einsum("nij,nj->ni", C_IJ, e.r_J), v_I
 
 
+def _as_written(c: Campaign, orientation: Orientation) -> tuple[Array, Array | None]:
+    """States of a campaign's inertial ephemeris along the axes of its own frame."""
+    r, v = _inertial(c.ephemeris, orientation)
+    if c.position_frame == "ITRF" or c.position_frame == "GCRF":  # mypy follows this
+        return r, v
+    C_FI = C_IF(c.position_frame, c.ephemeris.t_ns).mT
+    return np.einsum("nij,nj->ni", C_FI, r), None if v is None else np.einsum("nij,nj->ni", C_FI, v)
+
+
 def _earth_fixed(e: Ephemeris, r_I: Array, v_I: Array | None, orientation: Orientation) -> Ephemeris:
     """The ephemeris of inertial states at the epochs of ``e``."""
     C_JI = orientation.C_IJ(e.t_ns).mT
@@ -132,12 +141,12 @@ def _earth_fixed(e: Ephemeris, r_I: Array, v_I: Array | None, orientation: Orien
 def _ephemeris(campaign: Campaign) -> Iterator[Mistake]:
     """Positions in the other frame than stated."""
     stated = campaign.position_frame
-    other = "ITRF" if stated == "GCRF" else "GCRF"
+    other = "GCRF" if stated == "ITRF" else "ITRF"
 
     def undo(c: Campaign) -> Campaign:
         orientation = _orientation(c)
-        if stated == "GCRF":
-            r, v = _inertial(c.ephemeris, orientation)
+        if stated != "ITRF":
+            r, v = _as_written(c, orientation)
             return replace(c, ephemeris=replace(c.ephemeris, r_J=r, v_J=v), position_frame="ITRF")
         ephemeris = _earth_fixed(c.ephemeris, c.ephemeris.r_J, c.ephemeris.v_J, orientation)
         return replace(c, ephemeris=ephemeris, position_frame="GCRF", orientation=orientation)
@@ -208,7 +217,7 @@ def _retimed(c: Campaign, tables: tuple[str, ...], shift_ns: int) -> Campaign:
         c = c.with_attitude(lambda a: replace(a, t_ns=a.t_ns + shift_ns))
     if "ephemeris" in tables:
         moved = replace(c.ephemeris, t_ns=c.ephemeris.t_ns + shift_ns)
-        if c.position_frame == "GCRF" and c.orientation is not None:
+        if c.position_frame != "ITRF" and c.orientation is not None:
             moved = _earth_fixed(moved, *_inertial(c.ephemeris, c.orientation), c.orientation)
         c = replace(c, ephemeris=moved)
     return c
