@@ -14,9 +14,11 @@ from ..judge.calibrate import Calibration, shares
 from ..judge.residuals import Accuracy, rms
 from ..judge.separability import known
 from ..physics import so3
+from ..physics.timescales import format_iso
 from ..physics.units import ARCSEC
 from ..table.campaign import Campaign
 from ..table.parameter_names import UNITS, unit_of
+from ..table.sharing import passes, sessions
 from .numbers import numbers
 
 if TYPE_CHECKING:
@@ -54,6 +56,8 @@ def result_document(
         "sigma_arcsec": None if sigma is None else numbers(sigma / ARCSEC),
         "covariance_arcsec2": None if covariance is None else numbers(covariance / ARCSEC**2),
         "interval_95_arcsec": None if interval is None else numbers(interval / ARCSEC),
+        **_from_data(c),
+        "span": _span(c),
         "fit": _fit(c),
         "geolocation": {
             "before": accuracy_document(c.accuracy(after=False)),
@@ -78,6 +82,44 @@ def result_document(
         **provenance,
         "notices": [*provenance.get("notices", ()), *c.notices],
     }
+
+
+def _from_data(c: Calibration) -> dict[str, Any]:
+    """What the scatter of the images says of the answer and of each source; null where it cannot tell."""
+    found = c.from_data
+    if found is None:
+        none = ("sigma_from_data_arcsec", "degrees_of_freedom_from_data", "jackknife_sigma_arcsec")
+        return {**dict.fromkeys(none), "sources": []}
+
+    def arcsec(angles: Array | None) -> Any:
+        return None if angles is None else numbers(angles / ARCSEC)
+
+    return {
+        "sigma_from_data_arcsec": arcsec(found.sigma_E),
+        "degrees_of_freedom_from_data": None if found.degrees is None else numbers(found.degrees),
+        "jackknife_sigma_arcsec": arcsec(found.jackknife_E),
+        "sources": [
+            {
+                "name": source.name,
+                "unit": source.unit,
+                "stated": numbers(source.stated),
+                "found": numbers(source.found),
+                "ratio": None if source.ratio is None else numbers(source.ratio),
+                "ratio_interval_95": None if source.interval is None else numbers(np.array(source.interval)),
+                "p": numbers(source.p),
+            }
+            for source in found.sources
+        ],
+    }
+
+
+def _span(c: Calibration) -> dict[str, str] | None:
+    """First and last time of the images, UTC."""
+    t_ns = c.campaign.images.t_ns
+    if t_ns.size == 0:
+        return None
+    first, last = format_iso(np.array([t_ns.min(), t_ns.max()]), "UTC")
+    return {"first": first, "last": last}
 
 
 def _truth(c: Calibration, C_EK_true: Array) -> dict[str, Any]:
@@ -206,12 +248,29 @@ def _shared(c: Calibration) -> dict[str, Any]:
         "images": max(len(images) - LISTED_AT_MOST, 0),
         "landmarks": max(len(landmarks) - LISTED_AT_MOST, 0),
     }
+    listed = _worst(of_images[:, 1])
+    when = _when(c, listed)
     return {
-        "images": [_image(c, i) | _residuals(of_images, i) for i in _worst(of_images[:, 1])],
+        "images": [_image(c, i) | when[i] | _residuals(of_images, i) for i in listed],
         "landmarks": [
             {"landmark_id": landmarks[i]} | _residuals(of_landmarks, i) for i in _worst(of_landmarks[:, 2])
         ],
         **({"not_listed": left} if any(left.values()) else {}),
+    }
+
+
+def _when(c: Calibration, chosen: list[int]) -> dict[int, dict[str, str]]:
+    """Time (UTC), pass and session of images, by their number; passes and sessions without a name by their number."""
+    images = c.campaign.images
+    times = format_iso(images.t_ns[chosen], "UTC")
+    of_pass, of_session = passes(c.campaign) + 1, sessions(c.campaign) + 1
+    return {
+        i: {
+            "time": time,
+            "pass": str(of_pass[i]) if images.passes is None else images.passes[i],
+            "session": str(of_session[i]) if images.sessions is None else images.sessions[i],
+        }
+        for i, time in zip(chosen, times, strict=True)
     }
 
 

@@ -81,6 +81,26 @@ class Share(Part):
     sigma_arcsec: Numbers3
 
 
+class Source(Part):
+    """One source of error: its sigma as stated (0: not at all) and as found, their ratio, and the probability of at
+    least such a scatter if it is as stated."""
+
+    name: str
+    unit: str
+    stated: Number
+    found: Number
+    ratio: Number
+    ratio_interval_95: Annotated[list[float], Field(min_length=2, max_length=2)] | None
+    p: Number
+
+
+class Span(Part):
+    """First and last time of the images, UTC."""
+
+    first: str
+    last: str
+
+
 class Parameter(Part):
     """A parameter that was estimated beside the alignment; ``known`` says whether the data determine it."""
 
@@ -111,6 +131,9 @@ class Image(Part):
     """An image: its own estimated errors, and its residuals."""
 
     image_id: str
+    time: str | None = None
+    pass_: str | None = Field(default=None, alias="pass")
+    session: str | None = None
     attitude_error_arcsec: Numbers3
     position_error_m: Numbers3
     statistic: Number
@@ -148,6 +171,11 @@ class ResultDocument(Document):
     sigma_arcsec: Numbers3 | None
     covariance_arcsec2: MatrixOrNulls3 | None
     interval_95_arcsec: Numbers3 | None = None
+    sigma_from_data_arcsec: Numbers3 | None = None
+    degrees_of_freedom_from_data: Numbers3 | None = None
+    jackknife_sigma_arcsec: Numbers3 | None = None
+    sources: list[Source] | None = None
+    span: Span | None = None
     fit: Fit
     geolocation: Geolocation
     rejected: list[Rejected]

@@ -17,11 +17,11 @@ from ..physics import so3
 from ..physics.errors import InputError
 from ..table.campaign import Campaign
 from ..table.observations import Observations
+from ..table.sharing import passes, sessions
 from .consistency import chi2_p, findings
 from .contradictions import (
     Support,
     culprit,
-    disagreement,
     rejected_images,
     rejected_sightings,
     rival,
@@ -29,10 +29,11 @@ from .contradictions import (
 )
 from .files.evidence import Evidence
 from .files.findings import findings_of_files
-from .from_data import ImageRotations, half_widths_95, image_rotations
+from .from_data import FromData, from_data, image_rotations, levels_of
 from .residuals import Accuracy, Residuals, residuals
 from .separability import UNKNOWN, Combination, combinations, ruins_alignment, without_gain
 from .snooping import Rejection, Snooping, fit_at, recognised, rejections, snoop
+from .sources import findings_of_sources
 from .trust import Finding, interval_95, judged, said
 from .unmodelled import unmodelled
 
@@ -72,6 +73,8 @@ class Calibration:
     evidence: tuple[Evidence, ...] = field(default=())
     interval_95_E: Array | None = None
     """Half-widths (3,) rad of the 95 % intervals about E's axes, widened by what was found."""
+    from_data: FromData | None = None
+    """What the scatter of the images says of the answer and of each source of error."""
 
     @property
     def C_EK(self) -> Array:
@@ -133,12 +136,13 @@ def calibrate(campaign: Campaign, estimator: Estimator) -> Calibration:
     tested = own.usable and estimate.unknowns is not None
     snooping = snoop(fit, estimate) if tested else None
     traded, left = tuple(combinations(observations, estimate)), residuals(fit, used)
-    images = image_rotations(fit) if tested else None
+    scatter = _scatter(campaign, fit, estimate) if tested else None
     support = Support(campaign, observations, ~campaign.sightings.check, used)
     again = Gls(unknowns.parameters, compiled=unknowns.compiled)
     evidence = _evidence(campaign, observations, estimate, used)
     found = [
-        *contradictions(support, estimate, left, images),
+        *contradictions(support, estimate, left),
+        *(findings_of_sources(scatter, int(np.sum(support.counts[1] > 0))) if tested else ()),
         *(Finding(e.text, e.weakens, refutes=e.refuses, covariance_E=e.covariance_E) for e in evidence),
         *(Finding(c.sentence, c.growth >= UNKNOWN) for c in traded),
         *_consistent(support, estimate, again, snooping),
@@ -159,7 +163,8 @@ def calibrate(campaign: Campaign, estimator: Estimator) -> Calibration:
         combinations=traded,
         notices=tuple(finding.sentence for finding in found if finding.informs),
         evidence=evidence,
-        interval_95_E=_interval(estimate, images, found) if status.usable else None,
+        interval_95_E=_interval(estimate, scatter, found) if status.usable else None,
+        from_data=scatter if status.usable else None,
     )
 
 
@@ -175,6 +180,20 @@ def _without_answer(own: Status) -> str:
     return f"{own.text}; run starplumb diagnose" if own is Status.NOT_CONVERGED else own.text
 
 
+def _scatter(campaign: Campaign, fit: Fit, estimate: AlignmentEstimate) -> FromData | None:
+    """What the images alone say of an answer; None where fewer than two of them fix a rotation."""
+    images = image_rotations(fit)
+    if images is None or estimate.sigma_E is None:
+        return None
+    groups = [("session", sessions(campaign)), ("pass", passes(campaign))]
+    stated = campaign.attitude_errors
+    if stated.moved or campaign.position_errors.moved:
+        groups = []  # what else images may share is not to be told from what they do
+    elif stated.session_sigma is not None:
+        groups = groups[1:]
+    return from_data(images, estimate.C_EK, estimate.sigma_E, levels_of(images, groups))
+
+
 def _answered(estimate: AlignmentEstimate) -> tuple[AlignmentEstimate, Status]:
     """The estimate with its own status; an answer that has a rival is judged like any other, by its findings."""
     own = Status(int(estimate.status))
@@ -183,14 +202,12 @@ def _answered(estimate: AlignmentEstimate) -> tuple[AlignmentEstimate, Status]:
     return replace(estimate, status=np.asarray(int(Status.OK))), Status.OK
 
 
-def contradictions(
-    support: Support, estimate: AlignmentEstimate, left: Residuals, images: ImageRotations | None
-) -> list[Finding]:
+def contradictions(support: Support, estimate: AlignmentEstimate, left: Residuals) -> list[Finding]:
     """What of the data contradicts a usable answer."""
     if not Status(int(estimate.status)).usable:
         return []
     before, after = (Accuracy.of(errors[support.used]) for errors in (left.before_m, left.after_m))
-    found = [rival(support, estimate.rival), worse_on_the_ground(before, after), disagreement(images)]
+    found = [rival(support, estimate.rival), worse_on_the_ground(before, after)]
     if estimate.verdict is not None:
         found += [rejected_images(support), rejected_sightings(support, _chi2_p(estimate))]
     return [finding for finding in found if finding is not None]
@@ -229,14 +246,14 @@ def _remarks(estimate: AlignmentEstimate, *, untested: bool) -> list[str]:
 
 
 def _interval(
-    estimate: AlignmentEstimate, images: ImageRotations | None, found: Sequence[Finding]
+    estimate: AlignmentEstimate, scatter: FromData | None, found: Sequence[Finding]
 ) -> Array | None:
     """Half-widths (3,) rad of the 95 % intervals; None where the method has no covariance."""
     covariance_E, sigma_E = estimate.covariance_E, estimate.sigma_E
     if covariance_E is None or sigma_E is None:
         return None
-    if images is not None:
-        return interval_95(covariance_E, half_widths_95(images, estimate.C_EK, sigma_E), found)
+    if scatter is not None and scatter.half_95_E is not None:
+        return interval_95(covariance_E, scatter.half_95_E, found)
     factor = 1.0
     if estimate.chi2 is not None and estimate.degrees_of_freedom is not None:
         factor = max(1.0, float(estimate.chi2) / max(int(estimate.degrees_of_freedom), 1))

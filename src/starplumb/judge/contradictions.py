@@ -14,7 +14,6 @@ from ..physics.units import ARCSEC
 from ..solve.reliability import Tested
 from ..table.campaign import Campaign
 from ..table.observations import Observations
-from .from_data import ImageRotations, disagreement_p
 from .residuals import Accuracy
 from .trust import Finding
 
@@ -29,8 +28,6 @@ MINORITY = 0.5
 """Share of the images rejected from which on those left are no majority: the answer is one of several."""
 FEW_LEFT = 0.3
 """Share of the sightings below which those left may agree by chance, or because they lie together."""
-DISAGREE_P = 1e-3
-"""Probability of the scatter of the images below which they are said to disagree."""
 WORSE = 1.5
 """Geolocation error of the control points after over before, from which on an answer is worse than none."""
 CULPRIT_P = 1e-4
@@ -112,20 +109,6 @@ def rejected_sightings(support: Support, p: float | None) -> Finding | None:
         "run starplumb diagnose",
         True,
         refutes=True,
-    )
-
-
-def disagreement(images: ImageRotations | None) -> Finding | None:
-    """Images that scatter by more than their stated errors."""
-    if images is None:
-        return None
-    p = disagreement_p(images)
-    if p >= DISAGREE_P:
-        return None
-    return Finding(
-        f"the images disagree about the alignment by more than their stated errors allow (p = {p:.1e}): the attitude "
-        "or its times are worse than stated, or the mounting moves; the interval is that of their scatter",
-        True,
     )
 
 

@@ -1,178 +1,312 @@
-"""What the images alone say of the alignment, and the interval that their scatter supports.
+"""What the images alone say of the alignment, of each source of error, and the interval that their scatter supports.
 
-The sightings of an image fix a rotation d of the answer, with the covariance ``V = f_1 (A_xy + P) + f_2 A_z + f_s Q``:
-A of the stated attitude across and about the boresight, P of the position, Q of the sightings.  f_s follows from the
-residuals within the images; f_1 and f_2 from the scatter of the rotations, by restricted maximum likelihood, with
-y = W (d - mean), W = V^-1 and T = W - W (sum W)^-1 W::
-
-    tr(T V_s) = y^T V_s y,      solved by Fisher scoring with the information  1/2 tr(T V_s T V_t)
-
-The answer keeps its stated weights; its variance with these factors has Satterthwaite's degrees of freedom.
-Sources: H. D. Patterson, R. Thompson, Biometrika 58 (1971); F. E. Satterthwaite, Biometrics Bulletin 2 (1946).
+The sightings of an image fix a rotation d of the answer; its covariance has a part of each source: of the attitude
+about the axis that trackers know worst and across it (with the orbit's), and of the sightings, whose factor follows
+from the residuals within the images as well.  Images of one pass or session may share an error that nobody stated.
+One factor each is estimated (:mod:`starplumb.judge.variances`).  The answer keeps its stated weights: with its gain G
+the variance is ``sum_s f_s G V_s G^T``, with Satterthwaite's degrees of freedom ``2 v^2 / var(v)``.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..estimators.consensus import own_covariance
 from ..estimators.fit import Fit
+from ..physics.covariance import square_root
+from ..physics.units import ARCSEC
+from ..solve.chunks import repeated_landmarks
 from ..solve.problem import Linear
+from ..solve.whitening import sums
+from . import variances
+from .variances import Component, Factors, Projector
 
 Array = NDArray[np.float64]
+Index = NDArray[np.int64]
 
-AT_MOST = 2_000
+AT_MOST = 300
 """Images from which factors are estimated, spread evenly; all if there are no more."""
+FEWEST = 3
+"""Images from whose scatter a sigma can be told at all."""
+LANDMARKS_AT_MOST = 100
+"""Landmarks seen again whose errors images are taken to share; more of them count as the images' own."""
 CONDITION = 1e10
 """Of an image's normal equations up to which it fixes a rotation."""
-ROUNDS = 50
+WEAK_AXIS = 1.5
+"""Variance of the attitude about one axis, over that about the next, from which that axis is its weak one."""
+SHARE = 0.2
+"""Share of the variance across from which the orbit is named beside the attitude."""
+ACROSS, ABOUT, SIGHTINGS = "across", "about", "sightings"
 
 
 @dataclass(frozen=True)
 class ImageRotations:
     """Rotations ``d_E`` (m, 3) rad of the answer that each image alone would make, and their stated covariance by
-    source (m, 3, 3): sightings, attitude and position.  ``squares`` is the sum of the weighted squares within the
-    images, with ``degrees`` of freedom."""
+    source (m, 3, 3): sightings, attitude and position.
 
+    ``common`` (m, 3, p) is what the errors in common, named ``common_of``, do to them, ``landmarks`` (m, 3, 3 q) what
+    those of landmarks seen again do, which is part of ``sightings_E`` too.  ``squares`` is the sum of the weighted
+    squares within the images, with ``degrees`` of freedom; ``image`` (m,) are the images, ``sigma_px`` that of their
+    sightings.
+    """
+
+    image: Index
     d_E: Array
     sightings_E: Array
     attitude_E: Array
     position_E: Array
+    common: Array
+    landmarks: Array
+    common_of: tuple[str, ...]
     squares: float
     degrees: int
+    sigma_px: float
 
     @property
     def size(self) -> int:
         return len(self.d_E)
-
-    @property
-    def covariance_E(self) -> Array:
-        """As stated (m, 3, 3)."""
-        return np.asarray(self.sightings_E + self.attitude_E + self.position_E)
 
     def some(self, most: int) -> ImageRotations:
         """So many of them, spread evenly."""
         if self.size <= most:
             return self
         k = np.linspace(0, self.size - 1, most).astype(np.int64)
-        parts = (self.d_E[k], self.sightings_E[k], self.attitude_E[k], self.position_E[k])
-        return ImageRotations(*parts, self.squares, self.degrees)
+        return replace(self, **{name: getattr(self, name)[k] for name in _PER_IMAGE})
+
+
+_PER_IMAGE = ("image", "d_E", "sightings_E", "attitude_E", "position_E", "common", "landmarks")
 
 
 def image_rotations(fit: Fit) -> ImageRotations | None:
-    """Of the images used that fix a rotation; None for fewer than two, or where images share errors."""
-    if fit.table.common_px is not None:
+    """Of the images used that fix a rotation; None for fewer than two."""
+    o = fit.table
+    again = repeated_landmarks(o)
+    place = np.full(o.n_landmarks, -1)
+    if again.size <= LANDMARKS_AT_MOST:
+        place[again] = np.arange(again.size)
+    found = [_of_part(linear, place) for _, linear in fit.parts()]
+    columns: list[Any] = [np.concatenate([one[k] for one in found]) for k in range(len(_PER_IMAGE))]
+    if len(columns[0]) < 2:
         return None
-    found = [_of_part(linear) for _, linear in fit.parts()]
-    d_E, sightings, attitude, position = (np.concatenate([one[k] for one in found]) for k in range(4))
-    if len(d_E) < 2:
-        return None
-    squares, degrees = sum(one[4] for one in found), sum(one[5] for one in found)
-    return ImageRotations(d_E, sightings, attitude, position, float(squares), int(degrees))
+    names = o.common_of or ("",) * columns[5].shape[-1]
+    squares, degrees = (sum(one[k] for one in found) for k in (-2, -1))
+    sigma = float(np.sqrt(np.mean(o.sigma_px**2)))
+    fields = dict(zip(_PER_IMAGE, columns, strict=True))
+    return ImageRotations(
+        **fields, common_of=names, squares=float(squares), degrees=int(degrees), sigma_px=sigma
+    )
 
 
-def _of_part(linear: Linear) -> tuple[Array, Array, Array, Array, float, int]:
-    """The fields of :class:`ImageRotations` of some images."""
+def _of_part(linear: Linear, place: Index) -> tuple[Array, ...]:
+    """The arrays of :class:`ImageRotations` of some images, squares and degrees; ``place`` (L,) numbers the landmarks
+    whose errors are shared."""
     o, model, _ = linear
     rows = np.flatnonzero(o.weight > 0.0)
     rows = rows[np.argsort(o.image[rows], kind="stable")]
     starts = np.flatnonzero(np.diff(o.image[rows], prepend=-1))
+    p, q = 0 if o.common_px is None else o.common_px.shape[-1], int(np.max(place, initial=-1)) + 1
     if starts.size == 0:
-        return np.empty((0, 3)), np.empty((0, 3, 3)), np.empty((0, 3, 3)), np.empty((0, 3, 3)), 0.0, 0
+        shapes = ((0,), (0, 3), (0, 3, 3), (0, 3, 3), (0, 3, 3), (0, 3, p), (0, 3, 3 * q), (), ())
+        return tuple(np.zeros(shape) for shape in shapes)
     z, W = model.z_px[rows][..., None], np.linalg.inv(own_covariance(o, model)[rows])
-    HW = model.H[rows].mT @ W
-    terms = (HW @ model.H[rows], HW @ z, HW @ model.R[rows], z.mT @ W @ z)
+    HW, R = model.H[rows].mT @ W, model.R[rows]
+    terms = [HW @ model.H[rows], HW @ z, HW @ R, z.mT @ W @ z]
     N, b, toward, zz = (np.add.reduceat(term, starts) for term in terms)
     counts = np.diff(starts, append=rows.size)
     fixed = (counts > 1) & (np.linalg.cond(N) < CONDITION)
     image, Q, b = o.image[rows[starts]][fixed], np.linalg.inv(N[fixed]), b[fixed]
     gain = Q @ toward[fixed]
-    squares = float(np.sum(zz[fixed] - b.mT @ Q @ b))
+    common = np.zeros((image.size, 3, 0))
+    if o.common_px is not None:
+        common = -(Q @ np.add.reduceat(HW @ o.common_px[rows], starts)[fixed])
+    landmarks = np.zeros((image.size, 3, 0))
+    if q:
+        number = np.cumsum(np.diff(o.image[rows], prepend=-1) > 0) - 1
+        seen = place[o.landmark[rows]]
+        shared = np.flatnonzero(seen >= 0)
+        root = square_root(o.cov_landmark_J[o.landmark[rows[shared]]])
+        by_pair = sums(HW[shared] @ R[shared] @ root, number[shared] * q + seen[shared], starts.size * q)
+        by_image = np.moveaxis(by_pair.reshape(starts.size, q, 3, 3), 1, 2).reshape(starts.size, 3, 3 * q)
+        landmarks = Q @ by_image[fixed]
+    squares = np.sum(zz[fixed] - b.mT @ Q @ b)
     position = gain @ o.cov_position_J[image] @ gain.mT
-    degrees = int(np.sum(2 * counts[fixed] - 3))
-    return -(Q @ b)[..., 0], Q, o.cov_attitude_E[image], position, squares, degrees
+    degrees = np.sum(2 * counts[fixed] - 3)
+    return image, -(Q @ b)[..., 0], Q, o.cov_attitude_E[image], position, common, landmarks, squares, degrees
 
 
-def disagreement_p(images: ImageRotations) -> float:
-    """Probability that images scatter about some axis of E at least as much as they do, by Bonferroni's bound."""
-    from scipy.special import chdtrc
+def components(images: ImageRotations, C_EK: Array, levels: Mapping[str, Index]) -> tuple[Component, ...]:
+    """The sources of the scatter of images; ``levels`` names what images may share unstated, and which of them (m,)."""
+    of_attitude = np.array([name.startswith("attitude") for name in images.common_of], dtype=np.bool_)
+    D, others = images.common[..., of_attitude], images.common[..., ~of_attitude]
+    mean = np.mean(images.attitude_E + D @ D.mT, axis=0)
+    own = images.sightings_E - images.landmarks @ images.landmarks.mT
+    found = []
+    if np.any(mean):
+        about = _about(mean, _axis(mean, C_EK))
+        across = np.eye(3) - about
+        found.append(Component(ABOUT, about @ images.attitude_E @ about.T, about @ D))
+        rest = np.concatenate([across @ D, others], axis=-1)
+        found.append(Component(ACROSS, across @ images.attitude_E @ across.T + images.position_E, rest))
+    elif np.any(images.position_E) or others.size:
+        found.append(Component(ACROSS, images.position_E, others))
+    within = Component(SIGHTINGS, own, images.landmarks, 1.0, images.squares, images.degrees)
+    root = square_root(mean + np.mean(images.position_E, axis=0))
+    unstated = [Component(name, 0.0 * own, _columns(root, groups), 0.0) for name, groups in levels.items()]
+    kept = [c for c in found if np.any(c.own) or np.any(c.common)]
+    return (*kept, within, *(c for c in unstated if np.any(root)))
 
-    V = images.covariance_E
-    W = np.linalg.inv(V)
-    mean = np.linalg.solve(np.sum(W, axis=0), np.sum(W @ images.d_E[..., None], axis=0)[:, 0])
-    squares = np.sum((images.d_E - mean) ** 2 / np.diagonal(V, axis1=-2, axis2=-1), axis=0)
-    return min(1.0, 3.0 * float(np.min(chdtrc(images.size - 1, squares))))
+
+def _axis(mean: Array, C_EK: Array) -> Array:
+    """The axis (3,) about which an attitude of this covariance is known worst, the camera's boresight if none stands
+    out."""
+    values, axes = np.linalg.eigh(mean)
+    return axes[:, 2] if values[2] > WEAK_AXIS * values[1] else C_EK[:, 2]
+
+
+def _about(mean: Array, axis: Array) -> Array:
+    """Projector (3, 3) of an attitude error on its part about an axis, uncorrelated with what is left."""
+    along = mean @ axis
+    return np.asarray(np.outer(along, axis) / (axis @ along))
+
+
+def _columns(root: Array, groups: Index) -> Array:
+    """One draw with this square root (3, 3) for each group: (m, 3, 3 groups)."""
+    number = np.unique(groups, return_inverse=True)[1]
+    Z = np.zeros((groups.size, 3, int(number.max()) + 1, 3))
+    Z[np.arange(groups.size), :, number] = root
+    return Z.reshape(groups.size, 3, -1)
 
 
 @dataclass(frozen=True)
-class _Scatter:
-    """Rotations d (m, 3) with the covariance ``V(f) = f_1 V_1 + f_2 V_2 + own`` (m, 3, 3)."""
+class SourceFound:
+    """What the data say of one source of error: its sigma as ``stated`` in ``unit`` (0 for one that is not stated), as
+    ``found``, and the ``ratio`` of the two with its 95 % ``interval``; ``p`` is the probability of at least such a
+    scatter if it is as stated."""
 
-    d: Array
-    sources: tuple[Array, Array]
-    own: Array
-
-    def V(self, f: Array) -> Array:
-        return np.asarray(f[0] * self.sources[0] + f[1] * self.sources[1] + self.own)
-
-    def scores(self, f: Array) -> tuple[Array, Array]:
-        """Gradient (2,) and twice the information (2, 2) of the restricted likelihood at f."""
-        W = np.linalg.inv(self.V(f))
-        C = np.linalg.inv(np.sum(W, axis=0))
-        mean = C @ np.sum(W @ self.d[..., None], axis=0)
-        y = W @ (self.d[..., None] - mean)
-        through = [W @ V for V in self.sources]
-        inner = [np.sum(WV @ W, axis=0) for WV in through]
-        traces = [_trace(WV) - np.trace(C @ M) for WV, M in zip(through, inner, strict=True)]
-        gradient = np.array([np.sum(y.mT @ V @ y) for V in self.sources]) - traces
-        twice = np.empty((2, 2))
-        for s in range(2):
-            for t in range(2):
-                both = np.sum(through[s] @ through[t] @ W, axis=0)
-                across = np.trace(C @ (both + both.mT)) - np.trace(C @ inner[s] @ C @ inner[t])
-                twice[s, t] = _trace(through[s] @ through[t]) - across
-        return gradient, twice
-
-    def factors(self) -> tuple[Array, Array]:
-        """The factors (2,) and their covariance (2, 2)."""
-        f, twice = np.ones(2), np.eye(2)
-        for _ in range(ROUNDS):
-            gradient, twice = self.scores(f)
-            step = np.linalg.lstsq(twice, gradient, rcond=None)[0]
-            before, f = f, np.maximum(f + step, np.maximum(1e-2, 0.1 * f))
-            if np.max(np.abs(f - before) / before) < 1e-3:
-                break
-        return f, np.asarray(2.0 * np.linalg.pinv(twice))
+    kind: str
+    name: str
+    unit: str
+    stated: float
+    found: float
+    ratio: float | None
+    interval: tuple[float, float] | None
+    p: float
 
 
-def _trace(M: Array) -> float:
-    return float(np.sum(np.trace(M, axis1=-2, axis2=-1)))
+@dataclass(frozen=True)
+class FromData:
+    """What the scatter of images supports: ``sigma_E`` (3,) rad of the answer with ``degrees`` (3,) of freedom, None
+    where they are too few, and the ``sources``; ``jackknife_E`` (3,) rad is a rough sigma that knows no source, from
+    leaving out one ``left`` after another."""
+
+    images: int
+    sigma_E: Array | None
+    degrees: Array | None
+    sources: tuple[SourceFound, ...]
+    jackknife_E: Array | None = None
+    left: str = "image"
+
+    @property
+    def half_95_E(self) -> Array | None:
+        """Half-widths (3,) rad of the 95 % intervals by Student's t."""
+        from scipy.special import stdtrit
+
+        if self.sigma_E is None or self.degrees is None:
+            return None
+        return np.asarray(self.sigma_E * stdtrit(self.degrees, 0.975))
 
 
-def half_widths_95(images: ImageRotations, C_EK: Array, sigma_E: Array) -> Array:
-    """Half-widths (3,) rad of the 95 % intervals by the scatter of the images; ``sigma_E`` (3,) is as stated."""
-    from scipy.special import stdtrit
+def from_data(
+    images: ImageRotations, C_EK: Array, sigma_E: Array, levels: Mapping[str, Index] | None = None
+) -> FromData:
+    """What the scatter of the images says of an answer with the stated sigmas ``sigma_E`` (3,) rad.
 
-    some = images.some(AT_MOST)
-    z = C_EK[:, 2]
-    about = np.outer(z, z)
-    across = np.eye(3) - about
-    own = max(some.squares / max(some.degrees, 1), 1e-3)
-    sources = across @ some.attitude_E @ across + some.position_E, about @ some.attitude_E @ about
-    scatter = _Scatter(some.d_E, sources, own * some.sightings_E)
-    f, spread = scatter.factors()
-    weights = np.linalg.inv(some.covariance_E)
+    ``levels`` has groups of the images (m,) by what they belong to, such as a pass.
+    """
+    some, levels = images.some(AT_MOST), levels or {}
+    if some is not images:
+        levels = {name: g[np.searchsorted(images.image, some.image)] for name, g in levels.items()}
+    sources = components(some, C_EK, levels)
+    p = variances.probabilities(some.d_E, sources)
+    stated = np.array([c.stated for c in sources])
+    gain = Projector(sources, stated).gain
+    factors = variances.estimate(some.d_E, sources)
+    named = tuple(_found(some, c, factors, k, float(p[k])) for k, c in enumerate(sources))
+    if some.size < FEWEST:
+        return FromData(images.size, None, None, named)
+    slopes = np.array([np.diagonal(c.spread(gain)) for c in sources])
+    variance, degrees = _satterthwaite(slopes, factors)
+    scale = sigma_E / np.sqrt(stated @ slopes)  # whatever else the answer rests on scales alike
+    left, groups = next(iter(levels.items()), ("image", np.arange(some.size)))
+    if np.unique(groups).size < FEWEST:
+        left, groups = "image", np.arange(some.size)
+    rough = _jackknife(some.d_E, gain, groups) * scale
+    return FromData(images.size, np.sqrt(variance) * scale, degrees, named, rough, left)
 
-    def variance(g: Array) -> Array:
-        """Of the stated weights with factors g, (3,)."""
-        C = np.linalg.inv(np.sum(weights, axis=0))
-        return np.diagonal(C @ np.sum(weights @ scatter.V(g) @ weights, axis=0) @ C)
 
-    found = variance(f)
-    slopes = np.stack([variance(f + unit) - found for unit in np.eye(2)])  # linear in the factors
-    freedom = 2.0 * found**2 / np.maximum(np.einsum("si,st,ti->i", slopes, spread, slopes), 1e-300)
-    stated = np.diagonal(np.linalg.inv(np.sum(weights, axis=0)))
-    return np.asarray(sigma_E * np.sqrt(found / stated) * stdtrit(np.clip(freedom, 1.0, 1e6), 0.975))
+def _satterthwaite(slopes: Array, factors: Factors) -> tuple[Array, Array]:
+    """Variance (3,) and degrees of freedom (3,) of ``f^T slopes``; factors that are 0 stay out."""
+    on = factors.f > 0.0
+    variance = factors.f @ slopes
+    spread = np.einsum("si,st,ti->i", slopes[on], factors.spread[np.ix_(on, on)], slopes[on])
+    return variance, np.clip(2.0 * variance**2 / np.maximum(spread, 1e-300), 1.0, variances.MOST_DEGREES)
+
+
+def _found(images: ImageRotations, c: Component, factors: Factors, k: int, p: float) -> SourceFound:
+    """One source in words and in its unit."""
+    from scipy.special import chdtri
+
+    variance = np.mean(np.trace(c.own + c.common @ c.common.mT, axis1=-2, axis2=-1))
+    axes = {ABOUT: 1, ACROSS: 2}.get(c.name, 3)
+    size, unit = float(np.sqrt(variance / axes)) / ARCSEC, "arcsec"
+    if c.name == SIGHTINGS:
+        size, unit = images.sigma_px, "px"
+    f, freedom = float(factors.f[k]), max(float(factors.degrees[k]), 0.1)
+    ratio = float(np.sqrt(f))
+    if c.stated == 0.0:
+        return SourceFound(c.name, _words(images, c), unit, 0.0, ratio * size, None, None, p)
+    low, high = (float(np.sqrt(f * freedom / chdtri(freedom, q))) for q in (0.025, 0.975))
+    return SourceFound(c.name, _words(images, c), unit, size, ratio * size, ratio, (low, high), p)
+
+
+def _words(images: ImageRotations, c: Component) -> str:
+    if c.name == ABOUT:
+        return "attitude about its weak axis"
+    if c.name == SIGHTINGS:
+        return "sightings (image measurement and survey)"
+    if c.name != ACROSS:
+        return f"what the images of a {c.name} share"
+    total = np.sum(np.trace(c.own + c.common @ c.common.mT, axis1=-2, axis2=-1))
+    others = [not name.startswith("attitude") for name in images.common_of]
+    orbit = np.sum(np.trace(images.position_E, axis1=-2, axis2=-1)) + np.sum(images.common[..., others] ** 2)
+    if orbit > (1.0 - SHARE) * total:
+        return "position"
+    return "attitude and position across" if orbit > SHARE * total else "attitude across its weak axis"
+
+
+def _jackknife(d: Array, gain: Array, groups: Index) -> Array:
+    """Standard deviations (3,) of ``sum G d`` from leaving out one group after another."""
+    number = np.unique(groups, return_inverse=True)[1]
+    J = int(number.max()) + 1
+    weights, moved = np.zeros((J, 3, 3)), np.zeros((J, 3))
+    np.add.at(weights, number, gain)
+    np.add.at(moved, number, (gain @ d[..., None])[..., 0])
+    rest = np.linalg.solve(np.sum(gain, axis=0) - weights, (np.sum(moved, axis=0) - moved)[..., None])[..., 0]
+    return np.asarray(np.sqrt((J - 1.0) / J * np.sum((rest - np.mean(rest, axis=0)) ** 2, axis=0)))
+
+
+def levels_of(images: ImageRotations, groups: Sequence[tuple[str, Index]]) -> dict[str, Index]:
+    """Of named groups (all images,), those by which images that fix a rotation can be told apart: two groups or more,
+    one of them with two images or more; the same groups once."""
+    found: dict[str, Index] = {}
+    for name, group in groups:
+        number = np.unique(group[images.image], return_inverse=True)[1]
+        known = any(np.array_equal(number, other) for other in found.values())
+        if 1 < number.max() + 1 < number.size and not known:
+            found[name] = number
+    return found

@@ -102,6 +102,7 @@ def _sections(c: Calibration, document: Mapping[str, Any]) -> tuple[Section, ...
             (),
             (
                 *tables.parameters(document),
+                *tables.sources(document),
                 *lists.rejections(document),
                 *lists.images(document),
                 *lists.markers(document),

@@ -26,7 +26,14 @@ def alignment(c: Calibration, document: Document) -> tuple[Table, ...]:
         return ()
     rows = [("correction", *(number(x, 6) for x in document["correction_arcsec"]))]
     sigma, covariance = document["sigma_arcsec"], c.covariance_E
-    rows.append(("sigma", *((NOT_STATED,) * 3 if sigma is None else (number(x, 3) for x in sigma))))
+    of_sigma = [("sigma", *((NOT_STATED,) * 3 if sigma is None else (number(x, 3) for x in sigma)))]
+    data = document["sigma_from_data_arcsec"]
+    if data is not None and sigma is not None:
+        first = any(own > stated for own, stated in zip(data, sigma, strict=True))  # the larger leads
+        of_sigma.insert(0 if first else 1, ("sigma from the data", *(number(x, 3) for x in data)))
+        rough = document["jackknife_sigma_arcsec"]
+        of_sigma.append((f"the same by leaving out one {_left(c)} each", *(number(x, 2) for x in rough)))
+    rows += of_sigma
     if document["interval_95_arcsec"] is not None:
         rows.append(("95 % interval, ±", *(number(x, 3) for x in document["interval_95_arcsec"])))
     truth = document.get("truth")
@@ -44,6 +51,33 @@ def alignment(c: Calibration, document: Document) -> tuple[Table, ...]:
         cells = [(names[i], *map(coefficient, correlation[i])) for i in range(3)]
         found.append(Table("Correlation of the three angles", ("", *names), cells))
     return tuple(found)
+
+
+def _left(c: Calibration) -> str:
+    return "image" if c.from_data is None else c.from_data.left
+
+
+def sources(document: Document) -> tuple[Table, ...]:
+    """What the data say of each source of error."""
+    rows = [
+        (
+            str(s["name"]),
+            f"{number(s['stated'])} {s['unit']}" if s["stated"] else NOT_STATED,
+            f"{number(s['found'])} {s['unit']}",
+            number(s["ratio"], 2),
+            "–"
+            if s["ratio_interval_95"] is None
+            else " to ".join(number(x, 2) for x in s["ratio_interval_95"]),
+            number(s["p"], 2),
+        )
+        for s in document["sources"]
+    ]
+    head = ("source of error", "stated", "from the data", "ratio", "95 % interval", "p")
+    note = (
+        "From the scatter of the images and of the sightings within them; p is the probability of at least such a "
+        "scatter if the source is as stated."
+    )
+    return (Table("Errors as stated and as the data show them", head, rows, note=note),) if rows else ()
 
 
 def mounting_words(document: Document) -> str:

@@ -88,6 +88,12 @@ class Result(Shown):
         return None if half is None else np.asarray(half / ARCSEC)
 
     @property
+    def sigma_from_data_arcsec(self) -> Array | None:
+        """The standard deviation (3,) by the scatter of the images, whatever is stated; None where it cannot tell."""
+        found = self.calibration.from_data
+        return None if found is None or found.sigma_E is None else np.asarray(found.sigma_E / ARCSEC)
+
+    @property
     def status(self) -> str:
         """``ok``, ``weak`` (usable within ``interval_95_arcsec``, see ``message``), ``refuted``, ``singular`` or
         ``not_converged``."""
@@ -275,7 +281,12 @@ def _table(c: Calibration, C_EK_true: Array | None) -> Table:
     refuted, sigma, half = c.status is Status.REFUTED, c.sigma_E, c.interval_95_E
     no_sigma = ("not valid" if refuted else "not stated",) * 3
     rows = [("correction", *(("not valid",) * 3 if refuted else _fixed(c.correction_E / ARCSEC)))]
-    rows.append(("sigma", *(no_sigma if sigma is None else _fixed(sigma / ARCSEC))))
+    of_sigma = [("sigma", *(no_sigma if sigma is None else _fixed(sigma / ARCSEC)))]
+    data = None if c.from_data is None else c.from_data.sigma_E
+    if data is not None and sigma is not None:
+        first = bool(np.any(data > sigma))  # the larger leads
+        of_sigma.insert(0 if first else 1, ("sigma from the data", *_fixed(data / ARCSEC)))
+    rows += of_sigma
     if c.status is Status.WEAK and half is not None:
         rows.append(("95 % interval, +-", *_fixed(half / ARCSEC)))
     if C_EK_true is not None and not refuted:

@@ -1,0 +1,63 @@
+"""What the data say of the stated sigmas, source by source, in plain sentences."""
+
+from __future__ import annotations
+
+from ..estimators.usable import EXACT
+from .from_data import SIGHTINGS, FromData, SourceFound
+from .trust import Finding
+
+TOO_SMALL_P, TOO_LARGE_P = 1e-3, 1e-4
+"""Probability, over the number of sources, below which a source is said to be larger or smaller than stated: larger
+harms the answer, smaller is a hint."""
+FEW_IMAGES = 5
+"""Images up to which their scatter confirms nothing: with five a sigma stated half is missed more often than found."""
+
+
+def findings_of_sources(found: FromData | None, images: int) -> list[Finding]:
+    """Sources that are not as stated, and whether anything confirms those that are; ``images`` are those used."""
+    if found is None:
+        return [] if images < 2 else [_unconfirmed(images)]
+    told = [one for one in (_told(source, len(found.sources)) for source in found.sources) if one is not None]
+    confirmed = found.images > FEW_IMAGES or any(finding.weakens for finding in told)
+    return told if confirmed else [*told, _unconfirmed(found.images)]
+
+
+def _unconfirmed(images: int) -> Finding:
+    return Finding(
+        f"nothing here confirms the stated sigmas of attitude and orbit: the scatter of {images} images cannot tell; "
+        f"more than {FEW_IMAGES} images would",
+        False,
+    )
+
+
+def _told(source: SourceFound, count: int) -> Finding | None:
+    if source.p < TOO_SMALL_P / count:
+        return _too_small(source)
+    if source.p > 1.0 - TOO_LARGE_P / count and source.stated > 0.0:
+        return Finding(f"{_ratio(source)}, less than it need be: the stated sigma is too large", False)
+    return None
+
+
+def _too_small(source: SourceFound) -> Finding | None:
+    if source.stated == 0.0:
+        return Finding(
+            f"{source.name} is not stated: {source.found:.2g} {source.unit} (p = {source.p:.1e}); the interval is that "
+            "of the scatter; state shared_by or a session's sigma in [attitude] and [ephemeris]",
+            True,
+        )
+    if source.kind == SIGHTINGS:
+        exact = source.ratio is not None and source.ratio <= EXACT
+        return Finding(f"{_ratio(source)} (p = {source.p:.1e}); the interval is widened by it", not exact)
+    return Finding(
+        f"the images disagree: {_ratio(source)} (p = {source.p:.1e}): it is worse than stated, its times are wrong, or "
+        "the mounting moves; the interval is that of their scatter",
+        True,
+    )
+
+
+def _ratio(source: SourceFound) -> str:
+    assert source.ratio is not None
+    assert source.interval is not None
+    low, high = source.interval
+    times = f"{source.ratio:.2g} ({low:.2g} to {high:.2g}) times"
+    return f"{source.name} is {times} the stated {source.stated:.3g} {source.unit}"
