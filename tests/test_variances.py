@@ -9,6 +9,7 @@ import pytest
 from scipy import stats
 
 from problems import C_EK_TRUE, FRAME, truth
+from starplumb.documents.from_calibration import result_document
 from starplumb.estimators.gls import Gls
 from starplumb.judge import calibrate as judge
 from starplumb.judge.from_data import (
@@ -22,6 +23,8 @@ from starplumb.judge.from_data import (
 from starplumb.judge.snooping import fit_at
 from starplumb.judge.sources import findings_of_sources
 from starplumb.judge.variances import Component, Projector, estimate, probabilities
+from starplumb.report.calibration import summary
+from starplumb.report.calibration_tables import alignment
 from starplumb.table.campaign import SharedErrors
 from starplumb.table.geometry import observe
 from starplumb.table.sharing import with_shared
@@ -263,3 +266,27 @@ def test_attitude_stated_half_is_named(monkeypatch, rng, factor, status):
         across = next(s for s in found.from_data.sources if s.kind == "across")
         assert across.interval[0] < 2.0 < across.interval[1]
     assert np.all(found.interval_95_E >= 1.959 * found.sigma_E)
+
+
+def test_the_larger_sigma_leads(monkeypatch, rng):
+    """Attitude stated half: the sigma from the data stands above the stated one, in table and report."""
+    campaign = truth(FRAME, 12, 8)
+    o = observe(campaign)
+    table = replace(measure(o, C_EK_TRUE, Errors.draw(o, rng)), cov_attitude_E=0.25 * o.cov_attitude_E)
+    found = calibrated(monkeypatch, campaign, table)
+    data, stated = found.from_data.sigma_E, found.sigma_E
+    np.testing.assert_array_equal(found.leading_sigma_E, np.maximum(data, stated))
+    assert np.all(data[:2] > stated[:2])
+    document = result_document(found, "gls", ("camera", "st"), {}, {})
+    (first, *_) = alignment(found, document)
+    assert [row[0] for row in first.rows[:4]] == [
+        "correction",
+        "sigma from the data",
+        "sigma",
+        "the same by leaving out one image each",
+    ]
+    assert f"{data[0] / 4.848136811095360e-06:.1f}"[:3] in summary(found, document)
+    sources = {s["name"]: s for s in document["sources"]}
+    assert sources["attitude across its weak axis"]["ratio"] > 1.3
+    assert document["span"]["first"] < document["span"]["last"]
+    assert {image["pass"] for image in document["images"]} == {"1"}

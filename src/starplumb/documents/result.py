@@ -131,12 +131,12 @@ class Image(Part):
     """An image: its own estimated errors, and its residuals."""
 
     image_id: str
-    time: str | None = None
-    pass_: str | None = Field(default=None, alias="pass")
-    session: str | None = None
     attitude_error_arcsec: Numbers3
     position_error_m: Numbers3
     statistic: Number
+    time: str | None = None
+    pass_: str | None = Field(default=None, alias="pass")
+    session: str | None = None
     observations: int
     rms_px: Number
     rms_own_px: Number

@@ -92,6 +92,12 @@ class Calibration:
         return None if self.status is Status.REFUTED else self.estimate.sigma_E
 
     @property
+    def leading_sigma_E(self) -> Array | None:
+        """The larger (3,) rad of the stated sigmas and those from the data, axis by axis; None likewise."""
+        data = None if self.from_data is None else self.from_data.sigma_E
+        return self.sigma_E if data is None or self.sigma_E is None else np.maximum(self.sigma_E, data)
+
+    @property
     def message(self) -> str:
         """What the status means for this estimate, in one line; empty where nothing need be said."""
         return "; ".join(self.sentences)

@@ -40,12 +40,12 @@ def calibration_page(calibration: Calibration, document: Mapping[str, Any]) -> s
 
 
 def summary(c: Calibration, document: Mapping[str, Any]) -> str:
-    """The one sentence with the number, its sigma, and what it was made from."""
+    """The one sentence with the number, the larger of its sigmas, and what it was made from."""
     tracker, fit = document["mounting"]["to"], document["fit"]
     made = f"{fit['observations']} sightings in {_count(fit['images'], 'image')}"
     if not c.status.usable:
         return f"No alignment can be given from {made}: {c.message}."
-    sigma = c.estimate.sigma_E
+    sigma = c.leading_sigma_E
     turn = ", ".join(
         measured(float(value), None if sigma is None else float(sigma[i] / ARCSEC))
         for i, value in enumerate(c.correction_E / ARCSEC)

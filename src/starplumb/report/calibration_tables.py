@@ -27,7 +27,7 @@ def alignment(c: Calibration, document: Document) -> tuple[Table, ...]:
     rows = [("correction", *(number(x, 6) for x in document["correction_arcsec"]))]
     sigma, covariance = document["sigma_arcsec"], c.covariance_E
     of_sigma = [("sigma", *((NOT_STATED,) * 3 if sigma is None else (number(x, 3) for x in sigma)))]
-    data = document["sigma_from_data_arcsec"]
+    data = document.get("sigma_from_data_arcsec")
     if data is not None and sigma is not None:
         first = any(own > stated for own, stated in zip(data, sigma, strict=True))  # the larger leads
         of_sigma.insert(0 if first else 1, ("sigma from the data", *(number(x, 3) for x in data)))
