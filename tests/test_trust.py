@@ -21,8 +21,8 @@ from starplumb.judge.contradictions import (
     rival,
     worse_on_the_ground,
 )
-from starplumb.judge.from_data import ImageRotations, from_data, image_rotations
 from starplumb.judge.residuals import Accuracy
+from starplumb.judge.scatter.from_data import ImageRotations, from_data, image_rotations
 from starplumb.judge.snooping import fit_at
 from starplumb.judge.trust import Finding, interval_95, judged, said
 from starplumb.physics import so3

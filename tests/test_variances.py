@@ -12,7 +12,7 @@ from problems import C_EK_TRUE, FRAME, truth
 from starplumb.documents.from_calibration import result_document
 from starplumb.estimators.gls import Gls
 from starplumb.judge import calibrate as judge
-from starplumb.judge.from_data import (
+from starplumb.judge.scatter.from_data import (
     FromData,
     ImageRotations,
     SourceFound,
@@ -20,9 +20,9 @@ from starplumb.judge.from_data import (
     image_rotations,
     levels_of,
 )
+from starplumb.judge.scatter.sources import findings_of_sources
+from starplumb.judge.scatter.variances import Component, Projector, estimate, probabilities
 from starplumb.judge.snooping import fit_at
-from starplumb.judge.sources import findings_of_sources
-from starplumb.judge.variances import Component, Projector, estimate, probabilities
 from starplumb.report.calibration import summary
 from starplumb.report.calibration_tables import alignment
 from starplumb.table.campaign import SharedErrors

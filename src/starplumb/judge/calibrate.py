@@ -29,11 +29,11 @@ from .contradictions import (
 )
 from .files.evidence import Evidence
 from .files.findings import findings_of_files
-from .from_data import FromData, from_data, image_rotations, levels_of
 from .residuals import Accuracy, Residuals, residuals
+from .scatter.from_data import FromData, from_data, image_rotations, levels_of
+from .scatter.sources import findings_of_sources
 from .separability import UNKNOWN, Combination, combinations, ruins_alignment, without_gain
 from .snooping import Rejection, Snooping, fit_at, recognised, rejections, snoop
-from .sources import findings_of_sources
 from .trust import Finding, interval_95, judged, said
 from .unmodelled import unmodelled
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from ..estimators.usable import EXACT
+from ...estimators.usable import EXACT
+from ..trust import Finding
 from .from_data import SIGHTINGS, FromData, SourceFound
-from .trust import Finding
 
 TOO_SMALL_P, TOO_LARGE_P = 1e-3, 1e-4
 """Probability, over the number of sources, below which a source is said to be larger or smaller than stated: larger

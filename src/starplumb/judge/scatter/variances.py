@@ -84,14 +84,13 @@ class Projector:
     def inverse(self) -> Array:
         """``(U^T W U + J)^-1`` (k, k)."""
         k = self.columns.shape[-1]
-        M = np.einsum("mia,mib->ab", self.U, self.WU)
+        M = _products(self.U, self.WU)
         M[np.arange(k), np.arange(k)] += 1.0
-        return np.linalg.inv(M)
+        return np.asarray(np.linalg.inv(M))
 
     def of(self, X: Array) -> Array:
         """P X of X (m, 3, c)."""
-        through = np.einsum("mia,mic->ac", self.WU, X)
-        return np.asarray(self.W @ X - self.WU @ (self.inverse @ through))
+        return np.asarray(self.W @ X - self.WU @ (self.inverse @ _products(self.WU, X)))
 
     @property
     def gain(self) -> Array:
@@ -107,7 +106,7 @@ class Projector:
         PZ = [self.of(z) for z in Z]
         WS = [self.W @ c.own for c in self.components]
         SWU = [c.own @ self.WU for c in self.components]
-        A = [self.inverse @ np.einsum("mia,mib->ab", self.WU, x) for x in SWU]
+        A = [self.inverse @ _products(self.WU, x) for x in SWU]
         q = np.array(
             [np.sum(y.mT @ c.own @ y) + np.sum(np.sum(c.common.mT @ y, axis=0) ** 2) for c in self.components]
         )
@@ -118,13 +117,19 @@ class Projector:
         pairs = np.empty((s, s))
         for i in range(s):
             for j in range(i + 1):
-                middle = self.inverse * np.einsum("mia,mij,mjb->ab", SWU[i], self.W, SWU[j], optimize=True)
+                middle = self.inverse * _products(SWU[i], self.W @ SWU[j])
                 own = np.sum(WS[i] * WS[j].mT) - 2.0 * np.sum(middle) + np.sum(A[i] * A[j].T)
                 mixed = np.sum(PZ[j] * (self.components[i].own @ PZ[j]))
                 mixed += np.sum(PZ[i] * (self.components[j].own @ PZ[i]))
-                both = np.einsum("mia,mib->ab", Z[i], PZ[j])
+                both = _products(Z[i], PZ[j])
                 pairs[i, j] = pairs[j, i] = own + mixed + np.sum(both**2)
         return q, trace, pairs
+
+
+def _products(A: Array, B: Array) -> Array:
+    """``sum_i A_i^T B_i`` (a, b) of A (m, 3, a) and B (m, 3, b)."""
+    rows = 3 * len(A)
+    return np.asarray(A.reshape(rows, A.shape[-1]).T @ B.reshape(rows, B.shape[-1]))
 
 
 def _trace(M: Array) -> float:

@@ -3,8 +3,8 @@
 The sightings of an image fix a rotation d of the answer; its covariance has a part of each source: of the attitude
 about the axis that trackers know worst and across it (with the orbit's), and of the sightings, whose factor follows
 from the residuals within the images as well.  Images of one pass or session may share an error that nobody stated.
-One factor each is estimated (:mod:`starplumb.judge.variances`).  The answer keeps its stated weights: with its gain G
-the variance is ``sum_s f_s G V_s G^T``, with Satterthwaite's degrees of freedom ``2 v^2 / var(v)``.
+One factor each is estimated (:mod:`starplumb.judge.scatter.variances`).  The answer keeps its stated weights: with its
+gain G the variance is ``sum_s f_s G V_s G^T``, with Satterthwaite's degrees of freedom ``2 v^2 / var(v)``.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..estimators.consensus import own_covariance
-from ..estimators.fit import Fit
-from ..physics.covariance import square_root
-from ..physics.units import ARCSEC
-from ..solve.chunks import repeated_landmarks
-from ..solve.problem import Linear
-from ..solve.whitening import sums
+from ...estimators.consensus import own_covariance
+from ...estimators.fit import Fit
+from ...physics.covariance import square_root
+from ...physics.units import ARCSEC
+from ...solve.chunks import repeated_landmarks
+from ...solve.problem import Linear
+from ...solve.whitening import sums
 from . import variances
 from .variances import Component, Factors, Projector
 
