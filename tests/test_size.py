@@ -132,7 +132,8 @@ def test_compiled_rows_are_those_of_numpy(rng, width):
     plain, compiled = np.zeros((design_rows.ROWS, width)), np.zeros((design_rows.ROWS, width))
     for W, by_numba in ((plain, False), (compiled, True)):
         design_rows.load(W, o, slice(None))
-        design_rows.filler(by_numba)(W, tuple(C_EK_TRUE.reshape(-1).tolist()), numbers)
+        make = design_rows.compiled_fill() if by_numba else design_rows.fill
+        make(W, tuple(C_EK_TRUE.reshape(-1).tolist()), numbers)
     made = slice(design_rows.WHITENING, None)
     np.testing.assert_allclose(compiled[made], plain[made], rtol=1e-9, atol=1e-9 * np.abs(plain[made]).min())
     # a column does not move with the principal point's row, nor a row with its column

@@ -1,40 +1,38 @@
 """Vectors and rotations on component rows: formulas written once, for NumPy and for compiled code.
 
-A vector is a tuple of its components; a component is a row over the trials (NumPy) or one trial's number (compiled).
-The same source serves both: where it works on a buffer ``W`` (rows, width), ``at`` is ``slice(None)`` in one and an
-index in the other.  Rows keep the trials contiguous, so that NumPy streams through them and the compiler vectorises
-across them.
-
-``specialise`` gives a module's functions another namespace: with some of them replaced, and compiled with numba if
-wanted.  For the compiler to vectorise, a buffer is made inside the compiled function with a width that it knows, every
-helper is inlined, and a loop over ``lanes()`` touches rows of fixed number only; hence ``rows_at`` and ``put_back``.
+A vector is a tuple of its components; a component is a row over the trials (NumPy) or one trial's number (compiled by
+:mod:`starplumb.solve.compiled`).  The same source serves both: where it works on a block ``W`` (rows, width), ``at``
+is ``slice(None)`` in one and an index in the other.  Rows keep the trials contiguous, so that NumPy streams through
+them and the compiler vectorises across them.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterable, Mapping
-from types import FunctionType
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-
-from .errors import InputError
 
 Array = NDArray[np.float64]
 Row = Any
 """A row over the trials (Array) in NumPy, a float in compiled code."""
 Triple = tuple[Row, Row, Row]
 Quaternion = tuple[Row, Row, Row, Row]
+Six = tuple[Row, Row, Row, Row, Row, Row]
 
-NUMPY_WIDTH = 4096
-"""Trials in a block of NumPy rows: a few dozen rows of 32 KiB stay in the second-level cache."""
-COMPILED_WIDTH = 128
-"""Trials in a block of compiled code: two dozen rows of 1 KiB stay in the first-level cache."""
+WIDTH = 4096
+"""Trials in a block: a few dozen rows of 32 KiB stay in the second-level cache."""
 
-larger = np.maximum
-root = np.sqrt
+
+def larger(a: Row, b: Row) -> Row:
+    """The larger of two, trial by trial."""
+    return np.maximum(a, b)
+
+
+def root(a: Row) -> Row:
+    """The square root."""
+    return np.sqrt(a)
 
 
 def extreme(row: Row) -> float:
@@ -43,8 +41,13 @@ def extreme(row: Row) -> float:
 
 
 def block_width(trials: int) -> int:
-    """Width of the buffers for a number of trials."""
-    return min(trials, NUMPY_WIDTH)
+    """Width of the blocks for a number of trials."""
+    return min(trials, WIDTH)
+
+
+def spare_block(rows: int, width: int) -> Array:
+    """Room for :func:`read_block` to copy to: none, for a view needs no room."""
+    return np.broadcast_to(0.0, (rows, width))
 
 
 def lanes() -> Iterable[Any]:
@@ -52,27 +55,45 @@ def lanes() -> Iterable[Any]:
     return (slice(None),)
 
 
-def rows_at(W: Array, first: int, spare: Array) -> Array:
-    """Rows ``first``, ... of W, as many as ``spare`` has: a view (compiled: copied into ``spare``)."""
-    return W[first : first + len(spare)]
+def read_block(W: Array, row: int, lane: int, block: Array, rows: int) -> Array:
+    """The part of W from ``row`` and ``lane`` on that is as large as ``block``, of which ``rows`` rows are read: a view
+    (compiled: they are copied into ``block``)."""
+    return W[row : row + len(block), lane : lane + block.shape[1]]
 
 
-def put_back(W: Array, first: int, part: Array) -> None:
-    """Bring what was written to ``rows_at`` back into W: nothing to do for a view."""
+def write_block(W: Array, row: int, lane: int, block: Array, first: int) -> None:
+    """Bring the rows ``first``, ... of what :func:`read_block` gave back into W: a view has nothing to bring."""
 
 
-def spare_window(buffer: Array) -> Array:
-    """Room for a window on ``buffer`` (compiled: of fixed width)."""
-    return buffer
+def three(W: Array, row: int, at: Any) -> Triple:
+    """A vector from three rows."""
+    return W[row, at], W[row + 1, at], W[row + 2, at]
 
 
-def window(buffer: Array, start: int, spare: Array, rows: int) -> Array:
-    """Trials ``start``, ... of a buffer: itself (compiled: the first rows of as many as ``spare`` has room for)."""
-    return buffer
+def four(W: Array, row: int, at: Any) -> Quaternion:
+    """A quaternion, or a 2 x 2 matrix row by row, from four rows."""
+    return W[row, at], W[row + 1, at], W[row + 2, at], W[row + 3, at]
 
 
-def put_window(buffer: Array, start: int, part: Array, rows: int) -> None:
-    """Bring what was written to a ``window`` behind its first rows back: nothing to do for the buffer itself."""
+def six(W: Array, row: int, at: Any) -> Six:
+    """A symmetric 3 x 3 matrix, by its upper triangle, from six rows."""
+    return W[row, at], W[row + 1, at], W[row + 2, at], W[row + 3, at], W[row + 4, at], W[row + 5, at]
+
+
+def put_three(W: Array, row: int, at: Any, v: Triple) -> None:
+    """A vector into three rows."""
+    W[row, at], W[row + 1, at], W[row + 2, at] = v
+
+
+def put_four(W: Array, row: int, at: Any, v: Quaternion) -> None:
+    """A quaternion, or a 2 x 2 matrix row by row, into four rows."""
+    W[row, at], W[row + 1, at], W[row + 2, at], W[row + 3, at] = v
+
+
+def put_six(W: Array, row: int, at: Any, v: Six) -> None:
+    """A symmetric 3 x 3 matrix, by its upper triangle, into six rows."""
+    W[row, at], W[row + 1, at], W[row + 2, at] = v[0], v[1], v[2]
+    W[row + 3, at], W[row + 4, at], W[row + 5, at] = v[3], v[4], v[5]
 
 
 def dot(a: Triple, b: Triple) -> Row:
@@ -136,114 +157,14 @@ def conjugate(q: Quaternion) -> Quaternion:
     return -q[0], -q[1], -q[2], q[3]
 
 
-def axes(q: Quaternion) -> tuple[Row, ...]:
-    """Columns of C, one after the other, for its unit quaternion."""
+def axes(q: Quaternion) -> tuple[Triple, Triple, Triple]:
+    """The columns of C for its unit quaternion."""
     x, y, z = q[0] + q[0], q[1] + q[1], q[2] + q[2]
     xx, yy, zz = x * q[0], y * q[1], z * q[2]
     xy, xz, yz = x * q[1], x * q[2], y * q[2]
     wx, wy, wz = x * q[3], y * q[3], z * q[3]
-    return 1.0 - yy - zz, xy + wz, xz - wy, xy - wz, 1.0 - xx - zz, yz + wx, xz + wy, yz - wx, 1.0 - xx - yy
-
-
-ALGEBRA = (dot, cross, rotate, multiply, turn, unit, conjugate, axes)
-
-
-def specialise(
-    entry: Callable[..., Any],
-    helpers: Iterable[Callable[..., Any]],
-    replaced: Mapping[str, Callable[..., Any]],
-    compiled: bool,
-    width: int = COMPILED_WIDTH,
-) -> Callable[..., Any]:
-    """``entry`` in a namespace of its own: ``helpers`` likewise, and the functions ``replaced`` by name.
-
-    ``helpers`` come in an order in which each uses only those before it.  Compiled, buffers are ``width`` trials wide,
-    and numba sees strict floating point (no reordering, so that results do not depend on the compiler) and NumPy's
-    division, which has no branch.
-    Raises InputError where numba is not installed.
-    """
-    helpers = tuple(helpers)
-    space: dict[str, Any] = dict(globals())
-    for function in (*helpers, entry):
-        space |= function.__globals__
-    space |= replaced
-    if not compiled:
-        for function in helpers:
-            space[function.__name__] = FunctionType(function.__code__, space, function.__name__)
-        space |= {
-            name: space[function.__name__]
-            for name, function in replaced.items()
-            if function.__name__ in space
-        }
-        return FunctionType(entry.__code__, space, entry.__name__)
-    try:
-        import numba
-    except ImportError:
-        raise InputError(
-            "compiled: found no numba, wanted starplumb installed with its extra 'fast'"
-        ) from None
-    inline = numba.njit(error_model="numpy", forceinline=True)
-    for name, primitive in _compiled_primitives(width).items():
-        space[name] = inline(primitive)
-    space["root"] = math.sqrt
-    for helper in (*ALGEBRA, *helpers):
-        space[helper.__name__] = inline(FunctionType(helper.__code__, space, helper.__name__))
-    space |= {name: space[function.__name__] for name, function in replaced.items()}
-    jit = numba.njit(error_model="numpy", nogil=True)
-    run: Callable[..., Any] = jit(FunctionType(entry.__code__, space, entry.__name__))
-    return run
-
-
-def _compiled_primitives(width: int) -> dict[str, Callable[..., Any]]:
-    """What takes the place of the functions above that know of NumPy."""
-
-    def fixed(trials: int) -> int:
-        return width
-
-    def indices() -> range:
-        return range(width)
-
-    def copied(W: Array, first: int, spare: Array) -> Array:
-        for i in range(len(spare)):
-            for at in range(width):
-                spare[i, at] = W[first + i, at]
-        return spare
-
-    def returned(W: Array, first: int, part: Array) -> None:
-        for i in range(len(part)):
-            for at in range(width):
-                W[first + i, at] = part[i, at]
-
-    def room(buffer: Array) -> Array:
-        return np.zeros((len(buffer), width))
-
-    def opened(buffer: Array, start: int, spare: Array, rows: int) -> Array:
-        count = min(width, buffer.shape[1] - start)
-        for i in range(rows):
-            for at in range(count):
-                spare[i, at] = buffer[i, start + at]
-        return spare
-
-    def closed(buffer: Array, start: int, part: Array, rows: int) -> None:
-        count = min(width, buffer.shape[1] - start)
-        for i in range(rows, len(buffer)):
-            for at in range(count):
-                buffer[i, start + at] = part[i, at]
-
-    def greater(a: float, b: float) -> float:
-        return a if a > b else b
-
-    def magnitude(number: float) -> float:
-        return abs(number)
-
-    return {
-        "block_width": fixed,
-        "lanes": indices,
-        "rows_at": copied,
-        "put_back": returned,
-        "spare_window": room,
-        "window": opened,
-        "put_window": closed,
-        "larger": greater,
-        "extreme": magnitude,
-    }
+    return (
+        (1.0 - yy - zz, xy + wz, xz - wy),
+        (xy - wz, 1.0 - xx - zz, yz + wx),
+        (xz + wy, yz - wx, 1.0 - xx - yy),
+    )

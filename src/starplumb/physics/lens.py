@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from .components import Array, Row, extreme, lanes, larger
+from .components import Array, Row, extreme, four, lanes, larger, put_four
 
 Lens = tuple[Row, Row, Row, Row, Row]
 """k1, k2, k3, p1, p2."""
@@ -45,8 +45,7 @@ def distort(x: Row, y: Row, lens: Lens) -> tuple[Row, Row, Row, Row, Row]:
 
 def start_search(W: Array, at: Any) -> None:
     """The search for the ideal tangents begins at the distorted ones."""
-    W[2, at] = W[0, at]
-    W[3, at] = W[1, at]
+    W[2, at], W[3, at] = W[0, at], W[1, at]
 
 
 def search_step(W: Array, at: Any, lens: Lens) -> None:
@@ -64,8 +63,7 @@ def bend(W: Array, at: Any, lens: Lens) -> None:
     """d ideal / d distorted at the tangents found."""
     _, _, a, b, c = distort(W[2, at], W[3, at], lens)
     scale = 1.0 / (a * c - b * b)
-    W[6, at], W[7, at] = scale * c, -scale * b
-    W[8, at], W[9, at] = -scale * b, scale * a
+    put_four(W, 6, at, (scale * c, -scale * b, -scale * b, scale * a))
 
 
 def straighten(W: Array, lens: Lens) -> None:
@@ -93,8 +91,8 @@ def seen_again(W: Array, at: Any, numbers: LensNumbers) -> None:
 
 def magnify(W: Array, at: Any, scale: Row) -> None:
     """Slope by the pixel from the slope by the distorted tangents."""
-    W[6, at], W[7, at] = scale * W[6, at], scale * W[7, at]
-    W[8, at], W[9, at] = scale * W[8, at], scale * W[9, at]
+    a, b, c, d = four(W, 6, at)
+    put_four(W, 6, at, (scale * a, scale * b, scale * c, scale * d))
 
 
 def rephotograph(W: Array, numbers: LensNumbers) -> None:
@@ -120,7 +118,3 @@ def effects(x: Row, y: Row, distorted: tuple[Row, Row], focal_length: Row, scale
         (distorted[0] * by_length, scale, 0.0, x * r2, x * r4, x * r6, xy2, r2 + 2.0 * x * x),
         (distorted[1] * by_length, 0.0, scale, y * r2, y * r4, y * r6, r2 + 2.0 * y * y, xy2),
     )
-
-
-LENS = (distort, start_search, search_step, bend, straighten, seen_again, magnify, rephotograph, effects)
-"""In an order in which each uses only those before it."""

@@ -16,13 +16,17 @@ import numpy as np
 
 from ..estimators.published.observer import Observer
 from ..estimators.published.observer_rows import (
+    AXES,
+    E_E,
+    FLOOR,
     SIGHTING_ROWS,
+    STATE,
     STATE_ROWS,
     Parameters,
-    growth,
+    Update,
+    compiled_form,
+    form,
     one_cycle,
-    updates,
-    vector_equation,
 )
 from ..physics import so3
 from ..physics.components import (
@@ -33,32 +37,38 @@ from ..physics.components import (
     axes,
     block_width,
     conjugate,
+    four,
     lanes,
     multiply,
-    put_back,
+    put_four,
+    put_six,
+    put_three,
+    read_block,
     root,
     rotate,
-    rows_at,
-    specialise,
+    spare_block,
+    three,
     turn,
     unit,
+    write_block,
 )
 from ..physics.errors import InputError
+from ..solve.compiled import compiled
 from .tkachenko_scene import C_EK_MODEL, Scene
 
 RUN_DRAWS = 4
 IMAGE_DRAWS = 8
 MARKER_DRAWS = 2
-TRUTH_ROWS = 16
-"""Rows of K, what is true of a run and of its present image."""
+FOCAL, CAMERA, TRACKER, POSITION, TRUTH_ROWS = 4, 5, 9, 13, 16
+"""Rows of K, what is true of a run and of its present image, behind C_EK: focal length, C_KJ, measured C_EJ, error of
+position; and how many they are."""
 
 
 def begin(D: Array, K: Array, at: Any, q_model: Array, sigma: Array) -> None:
     """Rows 0 .. 4 of K: true mounting ``exp(-theta_E) C_EK_model``, and true over model focal length."""
     minus_theta_E = (-sigma[0] * D[0, at], -sigma[0] * D[1, at], -sigma[0] * D[2, at])
-    q_EK = multiply(turn(minus_theta_E), (q_model[0], q_model[1], q_model[2], q_model[3]))
-    K[0, at], K[1, at], K[2, at], K[3, at] = q_EK
-    K[4, at] = 1.0 / (1.0 + sigma[1] * D[3, at])
+    put_four(K, 0, at, multiply(turn(minus_theta_E), (q_model[0], q_model[1], q_model[2], q_model[3])))
+    K[FOCAL, at] = 1.0 / (1.0 + sigma[1] * D[3, at])
 
 
 def station(D: Array, K: Array, at: Any, image: Array, L: Array, sigma: Array) -> None:
@@ -69,16 +79,15 @@ def station(D: Array, K: Array, at: Any, image: Array, L: Array, sigma: Array) -
     tilt = sigma[2] / image[7]
     x = tilt * D[0, at]
     q_KJ = multiply(turn((x, tilt * D[1, at], 0.0 * x)), (image[3], image[4], image[5], image[6]))
-    u = (D[2, at], D[3, at], D[4, at])
+    u = three(D, 2, at)
     alpha = (
         L[0, 0] * u[0] + L[0, 1] * u[1] + L[0, 2] * u[2],
         L[1, 0] * u[0] + L[1, 1] * u[1] + L[1, 2] * u[2],
         L[2, 0] * u[0] + L[2, 1] * u[1] + L[2, 2] * u[2],
     )
-    q_EJ = multiply(turn(alpha), multiply((K[0, at], K[1, at], K[2, at], K[3, at]), q_KJ))
-    K[5, at], K[6, at], K[7, at], K[8, at] = q_KJ
-    K[9, at], K[10, at], K[11, at], K[12, at] = q_EJ
-    K[13, at], K[14, at], K[15, at] = sigma[3] * D[5, at], sigma[3] * D[6, at], sigma[3] * D[7, at]
+    put_four(K, CAMERA, at, q_KJ)
+    put_four(K, TRACKER, at, multiply(turn(alpha), multiply(four(K, 0, at), q_KJ)))
+    put_three(K, POSITION, at, (sigma[3] * D[5, at], sigma[3] * D[6, at], sigma[3] * D[7, at]))
 
 
 def look(q_KJ: Quaternion, u_J: Triple, column: Row, row: Row, scale: Row) -> Triple:
@@ -95,17 +104,16 @@ def sighting(D: Array, K: Array, S: Array, at: Any, d: Triple, sigma: Array, flo
 
     ``d`` true vector from camera to marker.
     """
-    q_KJ = (K[5, at], K[6, at], K[7, at], K[8, at])
-    q_EJ = (K[9, at], K[10, at], K[11, at], K[12, at])
-    e_K = look(q_KJ, d, sigma[4] * D[0, at], sigma[4] * D[1, at], K[4, at])
-    e_E = rotate(q_EJ, unit((d[0] - K[13, at], d[1] - K[14, at], d[2] - K[15, at])))
+    q_EJ, rho_J = four(K, TRACKER, at), three(K, POSITION, at)
+    e_K = look(four(K, CAMERA, at), d, sigma[4] * D[0, at], sigma[4] * D[1, at], K[FOCAL, at])
+    e_E = rotate(q_EJ, unit((d[0] - rho_J[0], d[1] - rho_J[1], d[2] - rho_J[2])))
     c = axes(q_EJ)
-    S[0, at], S[1, at], S[2, at] = e_K
-    S[3, at], S[4, at], S[5, at] = e_E
-    S[6, at], S[7, at], S[8, at] = c[0], c[1], c[2]
-    S[9, at], S[10, at], S[11, at] = c[3], c[4], c[5]
-    S[12, at], S[13, at], S[14, at] = c[6], c[7], c[8]
-    S[15, at] = floor
+    put_three(S, 0, at, e_K)
+    put_three(S, E_E, at, e_E)
+    put_three(S, AXES, at, c[0])
+    put_three(S, AXES + 3, at, c[1])
+    put_three(S, AXES + 6, at, c[2])
+    S[FLOOR, at] = floor
 
 
 def simulate_block(
@@ -125,42 +133,40 @@ def simulate_block(
     GPS m, marker in tangents; ``q_model`` (4) quaternion of the model mounting.
     """
     width = block_width(Z.shape[1])
-    spare_run, spare_image = np.empty((RUN_DRAWS, width)), np.empty((IMAGE_DRAWS, width))
-    spare_marker, spare = np.empty((MARKER_DRAWS, width)), np.empty((SIGHTING_ROWS, width))
-    D = rows_at(Z, 0, spare_run)
+    spare_run, spare_image = spare_block(RUN_DRAWS, width), spare_block(IMAGE_DRAWS, width)
+    spare_marker, spare = spare_block(MARKER_DRAWS, width), spare_block(SIGHTING_ROWS, width)
+    D = read_block(Z, 0, 0, spare_run, RUN_DRAWS)
     for at in lanes():
         begin(D, K, at, q_model, sigma)
     base, first = STATE_ROWS, RUN_DRAWS
     for i in range(len(images)):
-        D = rows_at(Z, first, spare_image)
+        D = read_block(Z, first, 0, spare_image, IMAGE_DRAWS)
         for at in lanes():
             station(D, K, at, images[i], L, sigma)
         first += IMAGE_DRAWS
         for k in range(len(p_J)):
             d = (p_J[k, 0] - images[i, 0], p_J[k, 1] - images[i, 1], p_J[k, 2] - images[i, 2])
-            D = rows_at(Z, first, spare_marker)
-            S = rows_at(W, base, spare)
+            D = read_block(Z, first, 0, spare_marker, MARKER_DRAWS)
+            S = read_block(W, base, 0, spare, 0)
             for at in lanes():
                 sighting(D, K, S, at, d, sigma, floor)
-            put_back(W, base, S)
+            write_block(W, base, 0, S, 0)
             first += MARKER_DRAWS
             base += SIGHTING_ROWS
 
 
 def start(W: Array, at: Any, q_model: Array, P0: Array) -> None:
     """State before the first cycle: the model mounting, and P0 (3,) on the diagonal."""
-    W[0, at], W[1, at], W[2, at], W[3, at] = q_model[0], q_model[1], q_model[2], q_model[3]
-    W[4, at], W[7, at], W[9, at] = P0[0], P0[1], P0[2]
-    W[5, at], W[6, at], W[8, at] = 0.0, 0.0, 0.0
+    put_four(W, 0, at, (q_model[0], q_model[1], q_model[2], q_model[3]))
+    put_six(W, STATE, at, (P0[0], 0.0, 0.0, P0[1], 0.0, P0[2]))
 
 
 def error(W: Array, K: Array, E: Array, at: Any) -> None:
     """Rows of E: ``theta_E = log(C_EK C_EK_true^T)`` by the series of the arc sine (to 1e-8 of itself up to 10 deg)."""
-    q_true = (K[0, at], K[1, at], K[2, at], K[3, at])
-    q = multiply((W[0, at], W[1, at], W[2, at], W[3, at]), conjugate(q_true))
+    q = multiply(four(W, 0, at), conjugate(four(K, 0, at)))
     s = q[0] * q[0] + q[1] * q[1] + q[2] * q[2]
     factor = 2.0 + s * (1.0 / 3.0 + s * (0.15 + s * (5.0 / 56.0)))
-    E[0, at], E[1, at], E[2, at] = factor * q[0], factor * q[1], factor * q[2]
+    put_three(E, 0, at, (factor * q[0], factor * q[1], factor * q[2]))
 
 
 def campaign_blocks(
@@ -174,13 +180,14 @@ def campaign_blocks(
     floor: float,
     parameters: Parameters,
     errors: Array,
+    update: Update,
 ) -> None:
     """Draws (k, runs) to errors (cycles, 3, runs) rad about E after each cycle of the observer, a block at a time."""
     runs = Z.shape[1]
     width = block_width(runs)
     D, K, E = np.zeros((len(Z), width)), np.zeros((TRUTH_ROWS, width)), np.zeros((3, width))
     W = np.zeros((STATE_ROWS + SIGHTING_ROWS * len(images) * len(p_J), width))
-    spare = np.zeros((SIGHTING_ROWS, width))
+    spare = spare_block(SIGHTING_ROWS, width)
     for begun in range(0, runs, width):
         count = min(width, runs - begun)
         D[:, :count] = Z[:, begun : begun + count]
@@ -188,19 +195,15 @@ def campaign_blocks(
         for at in lanes():
             start(W, at, q_model, P0)
         for cycle in range(len(errors)):
-            one_cycle(W, spare, parameters)
+            one_cycle(W, spare, parameters, update)
             for at in lanes():
                 error(W, K, E, at)
             errors[cycle, :, begun : begun + count] = E[:, :count]
 
 
 @cache
-def campaign(factorised: bool, compiled: bool) -> Callable[..., None]:
-    """``campaign_blocks`` with the wanted form of (3), in NumPy or compiled with numba."""
-    form = updates(factorised)
-    scene = (begin, station, look, sighting, simulate_block, start, error)
-    observer = (growth, form, vector_equation, one_cycle)
-    return specialise(campaign_blocks, (*scene, *observer), {"update": form}, compiled)
+def _compiled_blocks() -> Callable[..., None]:
+    return compiled(campaign_blocks)
 
 
 def draws(scene: Scene) -> int:
@@ -221,7 +224,9 @@ def errors_E(scene: Scene, observer: Observer, Z: Array) -> Array:
     sigma = np.array([scene.initial, scene.focal_length, scene.aim, scene.gps, scene.marker * scene.pixel])
     P0 = np.array(np.broadcast_to(observer.P0, (3,)), dtype=np.float64)
     errors = np.empty((observer.cycles, 3, Z.shape[1]))
-    campaign(observer.factorised, observer.compiled)(
+    by_numba = observer.compiled
+    run = _compiled_blocks() if by_numba else campaign_blocks
+    run(
         Z,
         images,
         scene.p_J,
@@ -232,5 +237,6 @@ def errors_E(scene: Scene, observer: Observer, Z: Array) -> Array:
         float(np.sqrt(observer.floor)),
         observer.parameters,
         errors,
+        compiled_form(observer.factorised) if by_numba else form(observer.factorised),
     )
     return errors

@@ -63,15 +63,19 @@ def blocks(o: Observations) -> Iterator[tuple[Index, list[Rows]]]:
     starts = np.cumsum(counts) - counts
     for count in np.unique(counts[counts > 0]):
         same = np.flatnonzero(counts == count)
-        for first in range(0, same.size, max(1, CHUNK // int(count))):
-            images = same[first : first + max(1, CHUNK // int(count))]
-            yield images, _rows(order, starts[images], int(count))
+        apart = np.flatnonzero(np.diff(starts[same]) != count)  # the next run does not follow at once
+        step = max(1, CHUNK // int(count))
+        for first in range(0, same.size, step):
+            images = same[first : first + step]
+            i = np.searchsorted(apart, first)
+            together = i == apart.size or apart[i] >= first + images.size - 1
+            yield images, _rows(order, starts[images], int(count), together)
 
 
-def _rows(order: Index | None, starts: Index, count: int) -> list[Rows]:
-    """Rows of runs of ``count`` that begin at ``starts`` of ``order``, cut into pieces where one run is too long."""
+def _rows(order: Index | None, starts: Index, count: int, together: bool) -> list[Rows]:
+    """Rows of runs of ``count`` that begin at ``starts`` of ``order``, cut into pieces where one run is too long;
+    ``together``: they follow one another at once."""
     begin, end = int(starts[0]), int(starts[0]) + count * starts.size
-    together = bool(np.all(np.diff(starts) == count))
     rows: Index | None = None
     if order is not None or not together:
         rows = (starts[:, None] + np.arange(count)).reshape(-1)

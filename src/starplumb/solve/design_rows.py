@@ -21,19 +21,23 @@ from numpy.typing import NDArray
 from ..physics.components import (
     Array,
     Row,
+    Six,
     Triple,
+    block_width,
     dot,
+    four,
     lanes,
-    put_window,
+    put_four,
+    put_three,
+    read_block,
     root,
-    spare_window,
-    specialise,
-    window,
+    six,
+    spare_block,
+    three,
+    write_block,
 )
-from ..physics.lens import LENS as LENS_HELPERS
 from ..physics.lens import LENS_ROWS, Eight, LensNumbers, effects, rephotograph
 from ..table.equation import (
-    EQUATION,
     Nine,
     by_attitude,
     by_position,
@@ -44,6 +48,7 @@ from ..table.equation import (
     through,
 )
 from ..table.observations import Observations
+from .compiled import compiled
 from .whitening import inverse_root
 
 XY, SLOPE, E_E, ROW_RATE, C_EJ, RANGE, SIGMA, WEIGHT, COVARIANCE = 2, 6, LENS_ROWS, 13, 16, 25, 26, 27, 28
@@ -57,7 +62,6 @@ LENS = 7
 
 UPPER = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 
-Six = tuple[Row, Row, Row, Row, Row, Row]
 NO_LENS: LensNumbers = (1.0, 0.0, 0.0, 0.0, 0.0, (0.0,) * 5, (0.0,) * 5)
 """No lens is estimated."""
 
@@ -76,30 +80,10 @@ def quadratic(a: Triple, S: Six, b: Triple) -> Row:
 
 def whitened_design(W: Array, at: Any, C_EK: Nine) -> None:
     """Residual, H and R in units of the sighting's own noise, with what else takes to it (L^-1, L^-1 B^-1)."""
-    e = (W[E_E, at], W[E_E + 1, at], W[E_E + 2, at])
-    rate = (W[ROW_RATE, at], W[ROW_RATE + 1, at], W[ROW_RATE + 2, at])
-    C = (
-        W[C_EJ, at],
-        W[C_EJ + 1, at],
-        W[C_EJ + 2, at],
-        W[C_EJ + 3, at],
-        W[C_EJ + 4, at],
-        W[C_EJ + 5, at],
-        W[C_EJ + 6, at],
-        W[C_EJ + 7, at],
-        W[C_EJ + 8, at],
-    )
-    S = (
-        W[COVARIANCE, at],
-        W[COVARIANCE + 1, at],
-        W[COVARIANCE + 2, at],
-        W[COVARIANCE + 3, at],
-        W[COVARIANCE + 4, at],
-        W[COVARIANCE + 5, at],
-    )
-    slope = (W[SLOPE, at], W[SLOPE + 1, at], W[SLOPE + 2, at], W[SLOPE + 3, at])
+    e, slope, S = three(W, E_E, at), four(W, SLOPE, at), six(W, COVARIANCE, at)
+    C = (*three(W, C_EJ, at), *three(W, C_EJ + 3, at), *three(W, C_EJ + 6, at))
     h, _, P_x, P_y = project(C_EK, e)
-    T = inverse(per_pixel(slope, rate, P_x, P_y))
+    T = inverse(per_pixel(slope, three(W, ROW_RATE, at), P_x, P_y))
     closeness = 1.0 / W[RANGE, at]
     R_x = by_position(gradient(T[0], T[1], P_x, P_y), C, closeness)
     R_y = by_position(gradient(T[2], T[3], P_x, P_y), C, closeness)
@@ -109,19 +93,15 @@ def whitened_design(W: Array, at: Any, C_EK: Nine) -> None:
     )
     strength = root(W[WEIGHT, at])
     p, q, r = strength * L[0], strength * L[1], strength * L[2]
-    W[WHITENING, at], W[WHITENING + 1, at], W[WHITENING + 2, at] = p, q, r
+    put_three(W, WHITENING, at, (p, q, r))
     V = (p * T[0], p * T[1], q * T[0] + r * T[2], q * T[1] + r * T[3])
-    W[PER_RAD, at], W[PER_RAD + 1, at], W[PER_RAD + 2, at], W[PER_RAD + 3, at] = V
+    put_four(W, PER_RAD, at, V)
     z = through(V, h[0] - W[XY, at], h[1] - W[XY + 1, at])
     W[COLUMN, at], W[ROW, at] = z
-    H_x = by_attitude(gradient(V[0], V[1], P_x, P_y), e)
-    H_y = by_attitude(gradient(V[2], V[3], P_x, P_y), e)
-    W[COLUMN + 1, at], W[COLUMN + 2, at], W[COLUMN + 3, at] = H_x
-    W[ROW + 1, at], W[ROW + 2, at], W[ROW + 3, at] = H_y
-    W[COLUMN + 4, at], W[COLUMN + 5, at], W[COLUMN + 6, at] = p * R_x[0], p * R_x[1], p * R_x[2]
-    W[ROW + 4, at] = q * R_x[0] + r * R_y[0]
-    W[ROW + 5, at] = q * R_x[1] + r * R_y[1]
-    W[ROW + 6, at] = q * R_x[2] + r * R_y[2]
+    put_three(W, COLUMN + 1, at, by_attitude(gradient(V[0], V[1], P_x, P_y), e))
+    put_three(W, ROW + 1, at, by_attitude(gradient(V[2], V[3], P_x, P_y), e))
+    put_three(W, COLUMN + 4, at, (p * R_x[0], p * R_x[1], p * R_x[2]))
+    put_three(W, ROW + 4, at, (q * R_x[0] + r * R_y[0], q * R_x[1] + r * R_y[1], q * R_x[2] + r * R_y[2]))
 
 
 def put_eight(W: Array, first: int, at: Any, a: Row, u: Eight, b: Row, v: Eight) -> None:
@@ -135,7 +115,7 @@ def put_eight(W: Array, first: int, at: Any, a: Row, u: Eight, b: Row, v: Eight)
 def whitened_lens(W: Array, at: Any, numbers: LensNumbers) -> None:
     """E in units of the sighting's own noise: ``L^-1 B^-1 (d ideal / d distorted)`` times the effects of the lens."""
     i = 1.0 / numbers[4]
-    V = (W[PER_RAD, at], W[PER_RAD + 1, at], W[PER_RAD + 2, at], W[PER_RAD + 3, at])
+    V = four(W, PER_RAD, at)
     a, c = through(V, W[SLOPE, at] * i, W[SLOPE + 2, at] * i)
     b, d = through(V, W[SLOPE + 1, at] * i, W[SLOPE + 3, at] * i)
     u, v = effects(W[XY, at], W[XY + 1, at], (W[0, at], W[1, at]), numbers[3], numbers[4])
@@ -143,12 +123,13 @@ def whitened_lens(W: Array, at: Any, numbers: LensNumbers) -> None:
     put_eight(W, ROW + LENS, at, c, u, d, v)
 
 
-def fill(buffer: Array, C_EK: Nine, numbers: LensNumbers) -> None:
+def fill(rows: Array, C_EK: Nine, numbers: LensNumbers) -> None:
     """Make everything behind what was measured; with a lens to estimate, tangents and slopes are by the present one."""
-    spare = spare_window(buffer)
+    width = block_width(rows.shape[1])
+    spare = spare_block(ROWS, width)
     estimated = numbers[3] != 0.0
-    for start in range(0, buffer.shape[1], spare.shape[1]):
-        W = window(buffer, start, spare, WHITENING)
+    for start in range(0, rows.shape[1], width):
+        W = read_block(rows, 0, start, spare, WHITENING)
         if estimated:
             rephotograph(W, numbers)
         for at in lanes():
@@ -156,18 +137,13 @@ def fill(buffer: Array, C_EK: Nine, numbers: LensNumbers) -> None:
         if estimated:
             for at in lanes():
                 whitened_lens(W, at, numbers)
-        put_window(buffer, start, W, WHITENING)
-
-
-HELPERS = (*LENS_HELPERS, *EQUATION, quadratic, inverse_root, whitened_design, put_eight, whitened_lens)
+        write_block(rows, 0, start, W, WHITENING)
 
 
 @cache
-def filler(compiled: bool) -> Callable[[Array, Nine, LensNumbers], None]:
-    """:func:`fill` in NumPy, or compiled with numba.  Raises InputError where numba is not installed."""
-    return specialise(
-        fill, HELPERS, {}, compiled, width=64
-    )  # as many sightings as the first-level cache holds
+def compiled_fill() -> Callable[[Array, Nine, LensNumbers], None]:
+    """:func:`fill` compiled with numba.  Raises InputError where numba is not installed."""
+    return compiled(fill)
 
 
 def load(W: Array, o: Observations, rows: slice | NDArray[np.int64]) -> None:

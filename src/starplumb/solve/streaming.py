@@ -14,11 +14,12 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
+from ..physics.lens import LensNumbers
 from ..table.equation import Nine
 from ..table.observations import Observations
 from ..table.parameters import OPTICS, Moves, Optics, Parameter, split
 from .chunks import Rows, blocks, part
-from .design_rows import COLUMN, LENS, NO_LENS, PER_RAD, ROW, ROWS, WHITENING, filler, load
+from .design_rows import COLUMN, LENS, NO_LENS, PER_RAD, ROW, ROWS, WHITENING, compiled_fill, fill, load
 from .normal import Eliminated, Normal, Pairs, eliminate
 from .schur import eliminate_sparse
 from .whitening import Roots, accumulate
@@ -35,7 +36,6 @@ POSITION = slice(4, 7)
 class Stream:
     """A table without batch axes and the parameters to estimate from it besides the mounting.
 
-    ``S_image`` (m, 6, 6) turn unit errors of an image into those of ``-theta_E`` and of its position, and
     ``single`` is the table with the errors of its landmarks seen once only.
     """
 
@@ -44,18 +44,15 @@ class Stream:
     compiled: bool
     roots: Roots
     pairs: Pairs
-    S_image: Array
 
     @classmethod
     def of(cls, o: Observations, parameters: Sequence[Parameter], compiled: bool) -> Stream:
         roots = Roots.of(o)
-        S = np.zeros((o.n_images, 6, 6))
-        S[:, :3, :3], S[:, 3:, 3:] = roots.S_attitude, -roots.S_position
         if roots.repeated.size:
             own = np.array(o.cov_landmark_J)
             own[roots.repeated] = 0.0
             o = replace(o, cov_landmark_J=own)
-        return cls(o, tuple(parameters), compiled, roots, Pairs.among(o, roots), S)
+        return cls(o, tuple(parameters), compiled, roots, Pairs.among(o, roots))
 
     def squares(self, C_EK: Array, values: Array) -> Array:
         """Normal equations (k + 1, k + 1) of Y = [A, z] less the shared errors, at a mounting (3, 3) and parameters
@@ -78,21 +75,29 @@ class Stream:
         """The normal equations of the whole table."""
         parts = self._blocks(C_EK, values)
         images, first = next(parts)
-        total = replace(first, image=np.zeros((len(self.S_image), *first.image.shape[1:])))
+        total = replace(first, image=np.zeros((self.single.n_images, *first.image.shape[1:])))
         total.image[images] = first.image
         for images, n in parts:
             total.image[images] = n.image
             total.common[...] += n.common
         return total
 
+    def _S(self, images: Index) -> Array:
+        """Turn unit errors of images (g,) into those of ``-theta_E`` and of their positions, (g, 6, 6)."""
+        S = np.zeros((images.size, 6, 6))
+        S[:, :3, :3], S[:, 3:, 3:] = self.roots.S_attitude[images], -self.roots.S_position[images]
+        return S
+
     def _blocks(self, C_EK: Array, values: Array) -> Iterator[tuple[Index, Normal]]:
         """Images (g,) and their normal equations, those of landmarks and pairs summed up to there."""
         q, E = self.roots.repeated.size, self.pairs.image.size
         landmark, pair = np.zeros((q, 3, 0)), np.zeros((E, 6, 3))
+        at = split(self.parameters, values)
+        lens = next((p.through(value) for p, value in at if isinstance(p, Optics)), NO_LENS)
         for images, pieces in blocks(self.single):
             own, others = np.zeros(()), np.zeros(())
             for rows in pieces:
-                axes = self._rows(rows, C_EK, values)
+                axes = self._rows(rows, C_EK, at, lens)
                 own, others = (
                     total + new
                     for total, new in zip((own, others), _multiplied(axes, images.size), strict=True)
@@ -101,7 +106,8 @@ class Stream:
                     landmark = np.zeros((q, 3, len(axes[0])))
                 if q:
                     self._add_landmarks(axes, rows, landmark, pair)
-            S, total = self.S_image[images], np.concatenate([np.sum(own, axis=0), others])
+                del axes  # so that the next rows take the same memory, which the cache still holds
+            S, total = self._S(images), np.concatenate([np.sum(own, axis=0), others])
             G = S.mT @ own[:, 1:LENS]
             image = np.concatenate([G[..., 1:LENS] @ S, _ordered(G)], axis=-1)
             yield images, Normal(image, landmark, pair, _ordered(_ordered(total).mT))
@@ -115,21 +121,22 @@ class Stream:
         products = sum(axis[POSITION, None] * axis[None] for axis in chosen)
         DF = S @ np.moveaxis(np.asarray(products), 2, 0)  # D^T (z, H, R, E, ...)
         accumulate(landmark, np.concatenate([DF[..., POSITION] @ S, _ordered(DF)], axis=-1), place[again])
-        accumulate(pair, self.S_image[image].mT @ DF[..., 1:LENS].mT, self.pairs.of[rows][again])
+        accumulate(pair, self._S(image).mT @ DF[..., 1:LENS].mT, self.pairs.of[rows][again])
 
-    def _rows(self, rows: Rows, C_EK: Array, values: Array) -> list[Array]:
+    def _rows(
+        self, rows: Rows, C_EK: Array, own: Sequence[tuple[Parameter, Array]], lens: LensNumbers
+    ) -> list[Array]:
         """Whitened rows z, H, R, then those of parameters and common errors, of columns and of rows (f, n)."""
-        o, own, lens = self.single, split(self.parameters, values), NO_LENS
+        o = self.single
         if any(not isinstance(parameter, Optics) for parameter in self.parameters):
             o, rows = part(o, rows), slice(None)
         for parameter, value in own:
-            if isinstance(parameter, Optics):
-                lens = parameter.through(value)
-            else:
+            if not isinstance(parameter, Optics):
                 o = parameter.apply(o, value)
         W = np.empty((ROWS, o.image[rows].size))
         load(W, o, rows)
-        filler(self.compiled)(W, cast("Nine", tuple(C_EK.reshape(-1).tolist())), lens)
+        make = compiled_fill() if self.compiled else fill
+        make(W, cast("Nine", tuple(C_EK.reshape(-1).tolist())), lens)
         pairs = _design(W, o, own)
         if o.common_px is not None:
             pairs.append(_whitened(W, o.common_px[rows]))

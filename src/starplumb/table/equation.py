@@ -82,10 +82,6 @@ def by_position(g: Triple, C: Nine, closeness: Row) -> Triple:
     return a * C[0] + b * C[3] + c * C[6], a * C[1] + b * C[4] + c * C[7], a * C[2] + b * C[5] + c * C[8]
 
 
-EQUATION = (project, per_pixel, inverse, through, gradient, by_attitude, by_position)
-"""In an order in which each uses only those before it."""
-
-
 @dataclass(frozen=True)
 class Linearised:
     """The measurement equation at a mounting.

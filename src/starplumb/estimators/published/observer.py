@@ -17,7 +17,7 @@ from ...table.observations import Observations
 from ...table.simulate import Errors, measure
 from ..protocol import AlignmentEstimate, Status, without_prior
 from ..usable import status_of
-from .observer_rows import SIGHTING_ROWS, STATE_ROWS, Parameters, runner
+from .observer_rows import SIGHTING_ROWS, STATE_ROWS, Parameters, run
 
 Array = NDArray[np.float64]
 
@@ -151,11 +151,11 @@ class Observer:
         flat = rows.reshape(len(rows), -1)
         trace = np.empty((1 + self.cycles, 4, *batch))
         steps = trace.reshape(1 + self.cycles, 4, -1)
-        run = runner(self.factorised, self.compiled)
         with np.errstate(over="ignore", invalid="ignore"):  # what diverges is said by the status
             # the very first equation is a run of one cycle over one sighting
-            run(flat[: STATE_ROWS + SIGHTING_ROWS], 1, self.parameters, steps[:1])
-            run(flat, self.cycles, self.parameters, steps[1:])
+            form = self.factorised, self.compiled
+            run(flat[: STATE_ROWS + SIGHTING_ROWS], 1, self.parameters, steps[:1], *form)
+            run(flat, self.cycles, self.parameters, steps[1:], *form)
         C = so3.from_quaternion(np.moveaxis(trace[-1], 0, -1))
         status = self._status(observations, C, rows, trace)
         model = np.broadcast_to(C_EK, C.shape)

@@ -19,26 +19,37 @@ import numpy as np
 from ...physics.components import (
     Array,
     Row,
+    Six,
     Triple,
     block_width,
     cross,
     dot,
+    four,
     lanes,
     larger,
     multiply,
+    put_four,
+    put_six,
+    read_block,
     root,
     rotate,
-    rows_at,
-    specialise,
+    six,
+    spare_block,
+    three,
     turn,
 )
+from ...solve.compiled import compiled
 
-Six = tuple[Row, Row, Row, Row, Row, Row]
 Parameters = tuple[float, float, float, float, float]
 """alpha, beta and the square roots of w_1, w_2, w_3."""
 
-STATE_ROWS = 10
-SIGHTING_ROWS = 16
+STATE, STATE_ROWS = 4, 10
+"""First row of the state of P, behind the quaternion of C_EK; and all rows before those of the sightings."""
+E_E, AXES, FLOOR, SIGHTING_ROWS = 3, 6, 15, 16
+"""Rows of a sighting behind e_K: e_E, the axes of J in E, the floor of gamma; and how many they are."""
+
+Update = Callable[[Six, Triple, Row, Row, Parameters], tuple[Six, Triple]]
+"""A form of (3): P, g, z, the floor of gamma and the parameters give P+ and the correction ``K z``."""
 
 
 def growth(z: Row, weight: Row, floor: Row, v: Triple) -> Triple:
@@ -110,68 +121,76 @@ def update_factorised(UD: Six, g: Triple, z: Row, floor: Row, parameters: Parame
     return UD_plus, (k1 * z, k2 * z, k3 * z)
 
 
-update = update_factorised
-"""The form of (3) that ``vector_equation`` calls; :func:`runner` puts the wanted one in its place."""
-
-
-def vector_equation(W: Array, S: Array, at: Any, parameters: Parameters) -> None:
+def vector_equation(W: Array, S: Array, at: Any, parameters: Parameters, update: Update) -> None:
     """One equation (2), ``e_J* - e_J = G theta_E`` with ``G = -C_JE [e_E*]``, row by row of J, then the exact turn.
 
     With c_j the j-th axis of J in E the row is ``g = e_E* x c_j`` and its left side ``c_j . (e_E* - e_E)``, less what
     the rows before have corrected already.  A marker not seen has e_K = e_E = 0: g = 0 and z = 0, nothing happens.
     """
-    q = (W[0, at], W[1, at], W[2, at], W[3, at])
-    P = (W[4, at], W[5, at], W[6, at], W[7, at], W[8, at], W[9, at])
-    e = rotate(q, (S[0, at], S[1, at], S[2, at]))
-    d = (e[0] - S[3, at], e[1] - S[4, at], e[2] - S[5, at])
-    floor = S[15, at]
-    c = (S[6, at], S[7, at], S[8, at])
+    q, P = four(W, 0, at), six(W, STATE, at)
+    e = rotate(q, three(S, 0, at))
+    e_E, floor = three(S, E_E, at), S[FLOOR, at]
+    d = (e[0] - e_E[0], e[1] - e_E[1], e[2] - e_E[2])
+    c = three(S, AXES, at)
     P, theta = update(P, cross(e, c), dot(c, d), floor, parameters)
-    c = (S[9, at], S[10, at], S[11, at])
+    c = three(S, AXES + 3, at)
     g = cross(e, c)
     P, step = update(P, g, dot(c, d) - dot(g, theta), floor, parameters)
     theta = (theta[0] + step[0], theta[1] + step[1], theta[2] + step[2])
-    c = (S[12, at], S[13, at], S[14, at])
+    c = three(S, AXES + 6, at)
     g = cross(e, c)
     P, step = update(P, g, dot(c, d) - dot(g, theta), floor, parameters)
-    q = multiply(turn((-theta[0] - step[0], -theta[1] - step[1], -theta[2] - step[2])), q)
-    W[0, at], W[1, at], W[2, at], W[3, at] = q
-    W[4, at], W[5, at], W[6, at], W[7, at], W[8, at], W[9, at] = P
+    put_four(W, 0, at, multiply(turn((-theta[0] - step[0], -theta[1] - step[1], -theta[2] - step[2])), q))
+    put_six(W, STATE, at, P)
 
 
-def one_cycle(W: Array, spare: Array, parameters: Parameters) -> None:
+def one_cycle(W: Array, spare: Array, parameters: Parameters, update: Update) -> None:
     """Every sighting once, in order.  ``spare`` (16, width)."""
     for base in range(STATE_ROWS, len(W), SIGHTING_ROWS):
-        S = rows_at(W, base, spare)
+        S = read_block(W, base, 0, spare, SIGHTING_ROWS)
         for at in lanes():
-            vector_equation(W, S, at, parameters)
+            vector_equation(W, S, at, parameters, update)
 
 
-def run_blocks(rows: Array, cycles: int, parameters: Parameters, trace: Array) -> None:
+def run_blocks(rows: Array, cycles: int, parameters: Parameters, trace: Array, update: Update) -> None:
     """Run all trials, a block at a time.
 
     ``rows`` (10 + 16 n, trials) initial work rows; ``trace`` (cycles, 4, trials) receives the quaternion of C_EK after
-    each cycle.
+    each cycle; ``update`` is the form of (3).
     """
     trials = rows.shape[1]
     width = block_width(trials)
     W = np.zeros((len(rows), width))
-    spare = np.zeros((SIGHTING_ROWS, width))
+    spare = spare_block(SIGHTING_ROWS, width)
     for start in range(0, trials, width):
         count = min(width, trials - start)
         W[:, :count] = rows[:, start : start + count]
         for cycle in range(cycles):
-            one_cycle(W, spare, parameters)
+            one_cycle(W, spare, parameters, update)
             trace[cycle, :, start : start + count] = W[:4, :count]
 
 
-def updates(factorised: bool) -> Callable[..., Any]:
+def form(factorised: bool) -> Update:
     """The form of (3): on U D U^T, or on the upper triangle of P."""
     return update_factorised if factorised else update_plain
 
 
 @cache
-def runner(factorised: bool, compiled: bool) -> Callable[[Array, int, Parameters, Array], None]:
-    """``run_blocks`` with the wanted form of (3), in NumPy or compiled with numba."""
-    form = updates(factorised)
-    return specialise(run_blocks, (growth, form, vector_equation, one_cycle), {"update": form}, compiled)
+def compiled_form(factorised: bool) -> Update:
+    """The form of (3) compiled with numba."""
+    return compiled(form(factorised))
+
+
+@cache
+def _compiled_run() -> Callable[..., None]:
+    return compiled(run_blocks)
+
+
+def run(
+    rows: Array, cycles: int, parameters: Parameters, trace: Array, factorised: bool, by_numba: bool
+) -> None:
+    """:func:`run_blocks` with the wanted form of (3), in NumPy or compiled with numba."""
+    if by_numba:
+        _compiled_run()(rows, cycles, parameters, trace, compiled_form(factorised))
+    else:
+        run_blocks(rows, cycles, parameters, trace, form(factorised))

@@ -1,0 +1,123 @@
+"""Formulas on component rows compiled by numba (the extra ``fast``), from the very source that NumPy runs.
+
+Compiled code may call a plain Python function once numba is told what to compile for it: a formula itself, or, for the
+few functions of :mod:`starplumb.physics.components` that know of NumPy, the form that stands here.  For the compiler to
+vectorise, a block has a width that it knows, everything is inlined, and a loop over ``lanes()`` touches rows of fixed
+number only; hence ``read_block`` and ``write_block``, which here copy.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from types import FunctionType
+from typing import Any
+
+import numpy as np
+
+from ..physics import components
+from ..physics.components import Array
+from ..physics.errors import InputError
+
+WIDTH = 64
+"""Lanes of a block: two dozen rows of 512 bytes stay in the first-level cache."""
+
+Function = Callable[..., Any]
+_known: set[Function] = set()
+"""What numba has been told of."""
+
+
+def compiled(function: Function) -> Function:
+    """A function with all that it calls compiled, under strict floating point: nothing is reordered, so that results
+    do not depend on the compiler; divisions are NumPy's, which have no branch.
+
+    Raises InputError where numba is not installed.
+    """
+    try:
+        import numba
+        from numba.extending import overload, register_jitable
+    except ImportError:
+        raise InputError(
+            "compiled: found no numba, wanted starplumb installed with its extra 'fast'"
+        ) from None
+    inline: Any = {"error_model": "numpy", "forceinline": True}
+    for called in {*_called_by(function)} - _known:
+        if called in _FORMS:
+            overload(called, jit_options=inline, strict=False)(_always(_FORMS[called]))
+        else:
+            register_jitable(**inline)(called)
+        _known.add(called)
+    run: Function = numba.njit(error_model="numpy", nogil=True)(function)
+    return run
+
+
+def _always(form: Function) -> Function:
+    def chosen(*_types: Any) -> Function:
+        return form
+
+    return chosen
+
+
+def _called_by(function: Function) -> Iterator[Function]:
+    """The plain functions that a function names, and those that they name."""
+    seen: set[Function] = set()
+    waiting = [function]
+    while waiting:
+        at: Any = waiting.pop()
+        named = {at.__globals__.get(name) for name in at.__code__.co_names}
+        new = {f for f in named if isinstance(f, FunctionType)} - seen
+        seen |= new
+        yield from new
+        waiting += new - _FORMS.keys()
+
+
+def _width(trials: int) -> int:
+    return WIDTH
+
+
+def _lanes() -> range:
+    return range(WIDTH)
+
+
+def _spare(rows: int, width: int) -> Array:
+    return np.zeros((rows, WIDTH))
+
+
+def _read(W: Array, row: int, lane: int, block: Array, rows: int) -> Array:
+    count = min(WIDTH, W.shape[1] - lane)
+    for i in range(rows):
+        for at in range(count):
+            block[i, at] = W[row + i, lane + at]
+    return block
+
+
+def _write(W: Array, row: int, lane: int, block: Array, first: int) -> None:
+    count = min(WIDTH, W.shape[1] - lane)
+    for i in range(first, len(block)):
+        for at in range(count):
+            W[row + i, lane + at] = block[i, at]
+
+
+def _larger(a: float, b: float) -> float:
+    return a if a > b else b
+
+
+def _root(a: float) -> float:
+    return math.sqrt(a)
+
+
+def _extreme(number: float) -> float:
+    return abs(number)
+
+
+_FORMS: dict[Function, Function] = {
+    components.block_width: _width,
+    components.lanes: _lanes,
+    components.spare_block: _spare,
+    components.read_block: _read,
+    components.write_block: _write,
+    components.larger: _larger,
+    components.root: _root,
+    components.extreme: _extreme,
+}
+"""What is compiled in place of the functions that know of NumPy."""
