@@ -385,6 +385,20 @@ def test_a_landmark_below_the_horizon_is_named(rng):
         assert "gcp006 in image01" in done.message
 
 
+def test_a_check_point_below_the_horizon_is_said_and_weakens_nothing():
+    campaign, _ = demo("frame", 3, 260)
+    check = int(campaign.sightings.landmark[np.argmax(campaign.sightings.check)])
+    r_J = campaign.landmarks.r_J.copy()
+    r_J[check] = -r_J[check]
+    turned = replace(campaign, landmarks=replace(campaign.landmarks, r_J=r_J))
+    plain, done = calibrate(campaign, Gls()), calibrate(turned, Gls())
+    assert Status(int(done.status)) is Status(int(plain.status)) is Status.OK
+    assert (
+        f"1 sighting of landmarks below the horizon of the image: {campaign.landmarks.ids[check]}"
+        in done.message
+    )
+
+
 def test_one_place_under_two_ids_is_named():
     campaign, _ = demo("frame", 3, 261)
     r_J = campaign.landmarks.r_J.copy()

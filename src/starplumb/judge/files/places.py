@@ -35,7 +35,7 @@ def _below_horizon(campaign: Campaign, o: Observations) -> Iterator[Evidence]:
     up_J = C_JT(latitude, longitude)[..., 2]
     look_J = o.r_J - o.p_J
     sine = np.sum(look_J * up_J, axis=-1) / np.linalg.norm(look_J, axis=-1)
-    rows = np.flatnonzero((sine < 0.0) & (o.weight > 0.0))
+    rows = np.flatnonzero((sine < 0.0) & ((o.weight > 0.0) | campaign.sightings.check))
     if rows.size == 0:
         return
     deepest = rows[np.argmin(sine[rows])]
@@ -48,6 +48,7 @@ def _below_horizon(campaign: Campaign, o: Observations) -> Iterator[Evidence]:
         f"{rows.size} sighting{'s' * (rows.size > 1)} of landmarks below the horizon of the image: {listed(names)} "
         f"(the lowest by {-np.arcsin(sine[deepest]) / DEG:.1f} deg); the place, the image's time or the label is wrong",
         "correct or remove these rows",
+        weakens=bool(np.any(o.weight[rows] > 0.0)),
         rows=tuple(name for name in names if name),
     )
 
