@@ -125,6 +125,17 @@ def format_iso(t_ns: npt.ArrayLike, scale: str, digits: int = 6) -> list[str]:
     return [f"{stamp}.{decimal:0{digits}d}" for stamp, decimal in zip(stamps, decimals, strict=True)]
 
 
+def of_count(origin_mjd: int, count_ns: npt.ArrayLike, scale: str) -> Int64:
+    """``t_ns`` of counts of nanoseconds (any shape) since 0h of a day, by days of 86400 s in ``scale``.
+
+    So count Unix time, GPS time and Julian dates; a leap second has the count of the second after it.
+    Raises EpochError where UTC is not known.
+    """
+    _check_scale(scale)
+    day, rest = np.divmod(np.asarray(count_ns, dtype=np.int64), _DAY_S * _SECOND_NS)
+    return np.asarray(_utc_count(origin_mjd + day) + rest + _tai_minus_ns(origin_mjd + day, scale))
+
+
 def utc_minus_tai(t_ns: npt.ArrayLike) -> Int64:
     """UTC - TAI, whole seconds (negative), any shape; during an inserted second still the value before it.
 

@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field
 
+from ..tables.keys import TimedKeys
 from ..tables.read import TABLE_SUFFIXES
 from ..text.files import show
 from ..text.sections import Section
@@ -59,7 +60,7 @@ class Mounting(Rotation):
     sigma_arcsec: Prior | None = Field(default=None, description="one positive number or three")
 
 
-class AttitudeConfig(Section):
+class AttitudeConfig(TimedKeys):
     """[attitude]: the quaternion takes ``from`` to ``to``; one of them is GCRF or ITRF."""
 
     file: Annotated[str, BeforeValidator(file_name(*SUFFIXES))] = Field(
@@ -105,6 +106,7 @@ class AttitudeConfig(Section):
 
     @classmethod
     def rules(cls, given: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+        yield from super().rules(given)
         ends = (given.get("from"), given.get("to"))
         if all(isinstance(end, str) for end in ends) and sum(end in EARTH_FRAMES for end in ends) != 1:
             yield (

@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field
 
+from ..tables.keys import TableKeys, TimedKeys, UnitsConfig
 from ..tables.read import TABLE_SUFFIXES
 from ..text.sections import Section
 from ..text.values import (
@@ -109,7 +110,7 @@ class CameraConfig(Section):
             )
 
 
-class EphemerisConfig(Section):
+class EphemerisConfig(TimedKeys):
     """[ephemeris]"""
 
     file: Annotated[str, BeforeValidator(file_name(*SUFFIXES["ephemeris"]))] = Field(
@@ -119,6 +120,10 @@ class EphemerisConfig(Section):
     sigma_m: Sigma = Field(description="the position's sigma (one number or three), which the solution needs")
     max_gap_s: Positive | None = Field(
         default=None, description="the largest spacing joined by interpolation, a positive number"
+    )
+    units: UnitsConfig = Field(
+        default_factory=lambda: UnitsConfig(),
+        description='a section with position ("m" or "km") and velocity',
     )
     object: Text | None = Field(
         default=None, description="the satellite's name or number in a file that holds several"
@@ -136,6 +141,7 @@ class EphemerisConfig(Section):
 
     @classmethod
     def rules(cls, given: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+        yield from super().rules(given)
         yield from sharing_rules(given)
         file = given.get("file", "")
         if "object" in given and (isinstance(file, InMemory) or str(file).lower().endswith(TABLE_SUFFIXES)):
@@ -145,7 +151,7 @@ class EphemerisConfig(Section):
             )
 
 
-class LandmarksConfig(Section):
+class LandmarksConfig(TableKeys):
     """[landmarks]"""
 
     file: Annotated[str, BeforeValidator(file_name(*SUFFIXES["landmarks"]))] = Field(
@@ -162,6 +168,7 @@ class LandmarksConfig(Section):
 
     @classmethod
     def rules(cls, given: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+        yield from super().rules(given)
         if "dem" in given and "heights" not in given:
             yield "heights", 'missing, wanted what the heights of the DEM are above, "ellipsoidal" or "geoid"'
         if given.get("heights") == "geoid" and "geoid" not in given:
@@ -170,8 +177,16 @@ class LandmarksConfig(Section):
             yield "geoid", 'found it without heights = "geoid", wanted both or neither'
 
 
-class TableConfig(Section):
-    """[images], [observations] or [detections]"""
+class TableConfig(TableKeys):
+    """[observations] or [detections]"""
+
+    file: Annotated[str, BeforeValidator(file_name(*SUFFIXES["table"]))] = Field(
+        description="the name of a table (CSV, Parquet or Arrow)"
+    )
+
+
+class ImagesConfig(TimedKeys):
+    """[images]"""
 
     file: Annotated[str, BeforeValidator(file_name(*SUFFIXES["table"]))] = Field(
         description="the name of a table (CSV, Parquet or Arrow)"
@@ -221,7 +236,7 @@ class CampaignConfig(Section):
         default_factory=lambda: SpiceConfig(), description="the section [spice] with camera and tracker"
     )
     landmarks: LandmarksConfig = Field(description="the section [landmarks] with file")
-    images: TableConfig = Field(description="the section [images] with file")
+    images: ImagesConfig = Field(description="the section [images] with file")
     observations: TableConfig | None = Field(default=None, description="the section [observations] with file")
     detections: TableConfig | None = Field(default=None, description="the section [detections] with file")
     corrections: CorrectionsConfig = Field(

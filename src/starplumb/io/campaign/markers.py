@@ -8,16 +8,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ...physics import timescales
 from ...physics.earth import C_JT, geodetic_to_itrf, itrf_to_geodetic
-from ...physics.errors import EpochError, InputError
+from ...physics.errors import InputError
 from ...physics.units import DEG
 from ...table.campaign import Detections, Images, Landmarks, Sightings
 from ..gis.heights import Ground
 from ..tables.cells import Array
 from ..tables.columns import CARTESIAN, GEODETIC, SIGMA_ENU
+from ..tables.declared import UNDECLARED, Declared
 from ..tables.lookup import places
-from ..tables.read import Table, TableSource, other_format, read_table
+from ..tables.read import Table, TableSource, epochs, other_format, read_table
 from ..text.files import nearest, show
 
 Index = NDArray[np.int64]
@@ -39,17 +39,12 @@ class Grid:
     shift_px: float
 
 
-def epochs(table: Table, scale: str) -> NDArray[np.int64]:
-    """``t_ns`` (n,) of the column ``time``; InputError names the row of one that is not a time of this
-    scale."""
-    try:
-        return timescales.parse(table.texts["time"], scale)
-    except EpochError as error:
-        row = table.row_number(error.row)
-        raise InputError(f"{table.source}, row {row}, column time: {error}") from None
-
-
-def read_landmarks(source: TableSource, notices: list[str], ground: Ground | None = None) -> Landmarks:
+def read_landmarks(
+    source: TableSource,
+    notices: list[str],
+    ground: Ground | None = None,
+    declared: Declared = UNDECLARED,
+) -> Landmarks:
     """Landmarks of a table or a vector file; ``ground`` says where heights come from and what they are above."""
     if path := other_format(source):
         from ..gis.vector import read_points
@@ -58,7 +53,11 @@ def read_landmarks(source: TableSource, notices: list[str], ground: Ground | Non
     else:
         numbers = (*GEODETIC, *CARTESIAN, "sigma_m", *SIGMA_ENU)
         table = read_table(
-            source, texts=("landmark_id",), optional_texts=("source",), optional_numbers=numbers
+            source,
+            texts=("landmark_id",),
+            optional_texts=("source",),
+            optional_numbers=numbers,
+            declared=declared,
         )
     notices += table.notices
     return landmarks_from(table if ground is None else _raised(table, ground))
@@ -132,17 +131,21 @@ def require_radius(table: Table, r: Array, limits: tuple[float, float], what: st
         row = int(np.argmin(good))
         wanted = f"{what} {limits[0] / 1e3:g} to {limits[1] / 1e3:g} km"
         unit = " (are these kilometres?)" if limits[0] <= 1e3 * np.median(radius) <= limits[1] else ""
-        where = f"{table.source}, row {table.row_number(row)}, columns x_m, y_m, z_m"
+        names = ", ".join(map(table.declared.name, CARTESIAN))
+        where = f"{table.source}, row {table.row_number(row)}, columns {names}"
         raise InputError(f"{where}: found {radius[row]:.7g} m, wanted {wanted}{unit}")
 
 
-def read_images(source: TableSource, scale: str, scans: bool, notices: list[str]) -> Images:
+def read_images(
+    source: TableSource, scale: str, scans: bool, notices: list[str], declared: Declared = UNDECLARED
+) -> Images:
     """Images with their epochs; the line period, which a line scanner needs and a frame camera has not."""
     table = read_table(
         source,
         texts=("image_id", "time"),
         optional_texts=("tracker", "pass", "session"),
         optional_numbers=("line_period_s", "sigma_time_s"),
+        declared=declared,
     )
     notices += table.notices
     table.require_distinct("image_id", "each image once")
@@ -172,7 +175,12 @@ def read_images(source: TableSource, scale: str, scans: bool, notices: list[str]
 
 
 def read_observations(
-    source: TableSource, images: Sequence[str], landmarks: Sequence[str], grid: Grid, notices: list[str]
+    source: TableSource,
+    images: Sequence[str],
+    landmarks: Sequence[str],
+    grid: Grid,
+    notices: list[str],
+    declared: Declared = UNDECLARED,
 ) -> Sightings:
     """Sightings of known landmarks; every row is taken or refused, images and landmarks without one
     are reported."""
@@ -181,6 +189,7 @@ def read_observations(
         texts=("image_id", "landmark_id"),
         numbers=("column_px", "row_px", "sigma_px"),
         optional_texts=("role",),
+        declared=declared,
     )
     notices += table.notices
     image = _lookup(table, "image_id", images, "images")
@@ -192,9 +201,17 @@ def read_observations(
     return Sightings(image, landmark, column, row, sigma, check)
 
 
-def read_detections(source: TableSource, images: Sequence[str], grid: Grid, notices: list[str]) -> Detections:
+def read_detections(
+    source: TableSource,
+    images: Sequence[str],
+    grid: Grid,
+    notices: list[str],
+    declared: Declared = UNDECLARED,
+) -> Detections:
     """Marker images whose landmark is not known."""
-    table = read_table(source, texts=("image_id",), numbers=("column_px", "row_px", "sigma_px"))
+    table = read_table(
+        source, texts=("image_id",), numbers=("column_px", "row_px", "sigma_px"), declared=declared
+    )
     notices += table.notices
     image = _lookup(table, "image_id", images, "images")
     notices += _unseen(source, "image", images, image)

@@ -18,13 +18,13 @@ from ...physics.units import ARCSEC
 from ..formats.series_tables import AttitudeTable, EphemerisTable
 from ..tables.cells import Array
 from ..tables.columns import CARTESIAN
-from ..tables.read import Epochs, Table, TableSource, other_format, read_table
+from ..tables.read import Epochs, Table, TableSource, epochs, other_format, read_table
 from ..text.files import show
 from ..text.frames import EarthFrame, earth_frame
 from ..text.values import UNIT_TOLERANCE
 from .attitude_config import AttitudeConfig
 from .config import EphemerisConfig
-from .markers import epochs, require_radius
+from .markers import require_radius
 
 VELOCITY = ("vx_m_s", "vy_m_s", "vz_m_s")
 QUATERNION = ("qx", "qy", "qz", "qw")
@@ -86,7 +86,7 @@ def read_attitude(
     """The attitude as C_EF of the section ``key``, E the star tracker's frame and F the Earth's or the inertial one."""
     path = other_format(source)
     if path is None:
-        return _attitude_table(source, config, scale, notices)
+        return _attitude_table(source, config, scale, notices, key)
     from ..formats.aem import read_aem
 
     table = read_aem(path)
@@ -114,7 +114,12 @@ def earth_fixed(
 
 
 def _ephemeris_table(source: TableSource, config: EphemerisConfig, scale: str) -> EphemerisTable:
-    table = read_table(source, texts=("time",), numbers=CARTESIAN, optional_numbers=VELOCITY)
+    declared, units = config.declared("ephemeris"), config.units
+    table = read_table(
+        source, texts=("time",), numbers=CARTESIAN, optional_numbers=VELOCITY, declared=declared
+    )
+    for names, unit in ((CARTESIAN, units.metres), (VELOCITY, units.metres_a_second)):
+        table.numbers.update({name: unit * table.numbers[name] for name in names if name in table.numbers})
     require_radius(table, table.columns(*CARTESIAN), ORBIT_RADIUS_M, "an orbit, from the Earth's centre")
     return EphemerisTable(
         _increasing(table, scale),
@@ -183,15 +188,21 @@ def _increasing(table: Table, scale: str) -> Epochs:
         row = int(np.argmax(late)) + 1
         again = "again" if t_ns[row] == t_ns[row - 1] else f"after {show(table.texts['time'][row - 1])}"
         found = f"{show(table.texts['time'][row])} {again} (row {table.row_number(row - 1)})"
-        where = f"{table.source}, row {table.row_number(row)}, column time"
+        where = f"{table.source}, row {table.row_number(row)}, column {table.declared.name('time')}"
         raise InputError(f"{where}: found {found}, wanted times that increase")
     return t_ns
 
 
 def _attitude_table(
-    source: TableSource, config: AttitudeConfig, scale: str, notices: list[str]
+    source: TableSource, config: AttitudeConfig, scale: str, notices: list[str], key: str
 ) -> AttitudeSamples:
-    table = read_table(source, texts=("time",), numbers=QUATERNION, optional_numbers=SIGMA_ATTITUDE)
+    table = read_table(
+        source,
+        texts=("time",),
+        numbers=QUATERNION,
+        optional_numbers=SIGMA_ATTITUDE,
+        declared=config.declared(key),
+    )
     notices += table.notices
     t_ns = _increasing(table, scale)
     q = table.columns(*QUATERNION)
@@ -199,7 +210,8 @@ def _attitude_table(
     off = np.abs(norm - 1.0) > UNIT_TOLERANCE
     if off.any():
         row = int(np.argmax(off))
-        where = f"{source}, row {table.row_number(row)}, columns qx, qy, qz, qw"
+        names = ", ".join(map(table.declared.name, QUATERNION))
+        where = f"{source}, row {table.row_number(row)}, columns {names}"
         raise InputError(f"{where}: found a quaternion of norm {norm[row]:.6g}, wanted norm 1")
     sigma = None
     if table.has(*SIGMA_ATTITUDE):

@@ -168,18 +168,27 @@ def _assemble(
 ) -> tuple[Campaign, Detections | None]:
     scale = config.campaign.time_scale
     camera = read_camera(config.camera, files.get("camera.look_angles"), notices)
-    images = markers.read_images(files["images.file"], scale, camera.scans, notices)
-    landmarks = markers.read_landmarks(files["landmarks.file"], notices, _ground(config.landmarks, files))
+    images = markers.read_images(
+        files["images.file"], scale, camera.scans, notices, config.images.declared("images")
+    )
+    landmarks = markers.read_landmarks(
+        files["landmarks.file"],
+        notices,
+        _ground(config.landmarks, files),
+        config.landmarks.declared("landmarks"),
+    )
     if config.landmarks.common_sigma_m is not None:
         landmarks = replace(landmarks, common_sigma=np.array(config.landmarks.common_sigma_m))
     grid = markers.Grid(*camera.size_px, shift_px=pixel_shift(config.camera))
     sightings, detections = _no_sightings(), None
-    if "observations.file" in files:
+    if config.observations is not None:
+        declared = config.observations.declared("observations")
         sightings = markers.read_observations(
-            files["observations.file"], images.ids, landmarks.ids, grid, notices
+            files["observations.file"], images.ids, landmarks.ids, grid, notices, declared
         )
-    else:
-        detections = markers.read_detections(files["detections.file"], images.ids, grid, notices)
+    elif config.detections is not None:
+        declared = config.detections.declared("detections")
+        detections = markers.read_detections(files["detections.file"], images.ids, grid, notices, declared)
     ephemeris = motion.read_ephemeris(
         files["ephemeris.file"], config.ephemeris, scale, images.t_ns, orientation, notices
     )

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ...physics.errors import InputError
 from ..text.files import show
-from .cells import NUMBER, Array, Columns, cell_error, to_numbers
+from .cells import NUMBER, Array, Columns, cell_error, none_kept, to_numbers
 from .csv_rows import CsvLines
 from .schema import Schema
 
@@ -202,43 +202,70 @@ def columns_of_table(name: str, table: Any, schema: Schema) -> Columns:
     schema.check(name, header)
     if table.num_rows == 0:
         raise InputError(f"{name}: found no rows, wanted at least one")
+    row_number: Callable[[int], int] = int
+    all_rows = table.num_rows
+    if schema.keep:
+        table, row_number = _kept(name, table, schema)
+    at = (name, row_number)
+    texts: dict[str, Sequence[str]] = {
+        column: _texts(at, column, table[column]) for column in schema.texts_in(header)
+    }
+    texts |= {column: _texts(at, column, table[column], floats=True) for column in schema.stamps}
     return Columns(
         header,
-        {column: _numbers(name, column, table[column]) for column in schema.numbers_in(header)},
-        {column: _texts(name, column, table[column]) for column in schema.texts_in(header)},
+        {column: _numbers(at, column, table[column]) for column in schema.numbers_in(header)},
+        texts,
         table.num_rows,
-        int,
+        row_number,
+        all_rows - table.num_rows,
     )
 
 
-def _numbers(name: str, column: str, values: Any) -> Array:
+def _kept(name: str, table: Any, schema: Schema) -> tuple[Any, Callable[[int], int]]:
+    """The rows that are to be looked at, and the place in the whole table of each."""
+    columns = {column: _decoded(table[column]).to_pylist() for column in schema.keep}
+    cells = zip(*columns.values(), strict=True)
+    rows = [i for i, row in enumerate(cells) if schema.kept(dict(zip(columns, row, strict=True)))]
+    if not rows:
+        raise none_kept(name, schema)
+    return table.take(rows), rows.__getitem__
+
+
+At = tuple[str, Callable[[int], int]]
+"""What messages call a table, and how they count its rows."""
+
+
+def _numbers(at: At, column: str, values: Any) -> Array:
     from pyarrow import types
 
+    name, row_number = at
     values = _decoded(values)
     if _is_text(values.type):
-        return to_numbers(name, column, [cell or "" for cell in values.to_pylist()], int)
-    _require_no_null(name, column, values, f"{NUMBER} in every row")
+        return to_numbers(name, column, [cell or "" for cell in values.to_pylist()], row_number)
+    _require_no_null(at, column, values, f"{NUMBER} in every row")
     if not any(good(values.type) for good in (types.is_integer, types.is_floating, types.is_decimal)):
         raise _type_error(name, column, values, "numbers")
     array = np.asarray(values.cast("float64", safe=False).to_numpy())
     good = np.isfinite(array)
     if not good.all():
         row = int(np.argmin(good))
-        raise cell_error(name, row, column, float(array[row]), NUMBER)
+        raise cell_error(name, row_number(row), column, float(array[row]), NUMBER)
     return array
 
 
-def _texts(name: str, column: str, values: Any) -> TextColumn:
+def _texts(at: At, column: str, values: Any, floats: bool = False) -> TextColumn:
     from pyarrow import types
 
+    name, row_number = at
     values = _decoded(values)
-    _require_no_null(name, column, values, "text in every row")
-    kinds = (types.is_integer, types.is_timestamp, _is_text)
+    _require_no_null(at, column, values, "text in every row")
+    kinds = [types.is_integer, types.is_timestamp, _is_text]
+    kinds += [types.is_floating, types.is_decimal] if floats else []
     if not any(good(values.type) for good in kinds):
         raise _type_error(name, column, values, "text")
     values = _trimmed(values.cast("string"))
     if (row := _first_empty(values)) is not None:
-        raise cell_error(name, row, column, None, "text in every row")
+        raise cell_error(name, row_number(row), column, None, "text in every row")
     return TextColumn(values)
 
 
@@ -260,12 +287,12 @@ def _decoded(values: Any) -> Any:
     )
 
 
-def _require_no_null(name: str, column: str, values: Any, wanted: str) -> None:
+def _require_no_null(at: At, column: str, values: Any, wanted: str) -> None:
     from pyarrow import compute
 
     if values.null_count:
         row = int(compute.index(values.is_null(), True).as_py())
-        raise cell_error(name, row, column, None, wanted)
+        raise cell_error(at[0], at[1](row), column, None, wanted)
 
 
 def _type_error(name: str, column: str, values: Any, wanted: str) -> InputError:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ...physics.errors import InputError
 from ..text.files import show
+from .schema import Schema
 
 Array = NDArray[np.float64]
 
@@ -21,7 +22,8 @@ NUMBER = "a finite number with a decimal point"
 class Columns:
     """What was read of a table: n rows below a header.
 
-    ``row_number`` takes a row (from 0) to the number by which the user finds it: the line of a text file.
+    ``row_number`` takes a row (from 0) to the number by which the user finds it: the line of a text file; ``left_out``
+    is how many rows were not to be looked at.
     """
 
     header: Sequence[str]
@@ -29,6 +31,15 @@ class Columns:
     texts: dict[str, Sequence[str]]
     rows: int
     row_number: Callable[[int], int]
+    left_out: int = 0
+
+
+def none_kept(name: str, schema: Schema) -> InputError:
+    """The sentence about a table all of whose rows are left out."""
+    wanted = ", ".join(
+        f"{column} = {' or '.join(map(show, values))}" for column, values in schema.keep.items()
+    )
+    return InputError(f"{name}: found no row with {wanted}, wanted at least one")
 
 
 def cell_error(name: str, row_number: int, column: str, found: object, wanted: str) -> InputError:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import csv
 import gc
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from io import StringIO
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from ...physics.errors import InputError
 from ..text.files import read_text
-from .cells import Array, Columns, to_numbers, to_texts
+from .cells import Array, Columns, none_kept, to_numbers, to_texts
 from .schema import Schema
 
 _BLOCK = 1 << 10
@@ -31,21 +31,27 @@ def read_rows(path: Path, schema: Schema) -> Columns:
     header = lines.header(schema)
     place = {name: i for i, name in enumerate(header)}
     numbers: dict[str, list[Array]] = {name: [] for name in schema.numbers_in(header)}
-    texts: dict[str, list[str]] = {name: [] for name in schema.texts_in(header)}
-    line_blocks = []
+    texts: dict[str, list[str]] = {name: [] for name in (*schema.texts_in(header), *schema.stamps)}
+    line_blocks, all_rows = [], 0
     with _collector_paused():
-        for block in lines.blocks():
+        for whole in lines.blocks():
+            all_rows += len(whole.rows)
+            block = _kept(whole, schema, place) if schema.keep else whole
+            if not block.rows:
+                continue
             columns = _transposed(path, block, len(header))
             for name, blocks in numbers.items():
                 blocks.append(to_numbers(str(path), name, columns[place[name]], block.line_of))
             for name, column in texts.items():
                 column += to_texts(str(path), name, columns[place[name]], block.line_of)
             line_blocks.append(block.line)
+    if not line_blocks and all_rows:
+        raise none_kept(str(path), schema)
     if not line_blocks:
         raise InputError(f"{path}: found a header without rows below it, wanted at least one row")
     line = np.concatenate(line_blocks)
     values = {name: np.concatenate(blocks) for name, blocks in numbers.items()}
-    return Columns(header, values, dict(texts), line.size, lambda row: int(line[row]))
+    return Columns(header, values, dict(texts), line.size, lambda row: int(line[row]), all_rows - line.size)
 
 
 @contextmanager
@@ -129,6 +135,17 @@ class CsvLines:
         except csv.Error as error:
             found = f"found text that is not CSV ({error}), wanted cells separated by commas, quotes closed"
             raise InputError(f"{self._path}, row {self.line}: {found}") from None
+
+
+def _kept(block: _Block, schema: Schema, place: Mapping[str, int]) -> _Block:
+    """The rows of a block that are to be looked at."""
+    at = {name: place[name] for name in schema.keep}
+    rows = [
+        i
+        for i, row in enumerate(block.rows)
+        if schema.kept({name: row[j] for name, j in at.items() if j < len(row)})
+    ]
+    return _Block([block.rows[i] for i in rows], block.line[rows])
 
 
 def _transposed(path: Path, block: _Block, width: int) -> list[tuple[str, ...]]:

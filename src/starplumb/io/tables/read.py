@@ -14,10 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...physics.errors import InputError
+from ...physics.errors import EpochError, InputError
 from .arrow import TextColumn, binary_format, columns_of_table, read_binary, read_large_csv, table_of
 from .cells import Array, Columns, as_found, cell_error
 from .csv_rows import read_rows
+from .declared import UNDECLARED, Declared, Times
 from .schema import Schema
 
 Epochs = NDArray[np.int64]
@@ -77,13 +78,15 @@ class Table:
     rows: int
     row_number: Callable[[int], int]
     notices: list[str]
+    declared: Declared = UNDECLARED
 
     def __len__(self) -> int:
         return self.rows
 
     def error(self, row: int, column: str, found: object, wanted: str) -> InputError:
         """The sentence about one cell: table, row, column, what was found and what is wanted."""
-        return cell_error(str(self.source), self.row_number(row), column, found, wanted)
+        name = self.declared.name(column)
+        return cell_error(str(self.source), self.row_number(row), name, found, wanted)
 
     def columns(self, *names: str) -> Array:
         """Number columns side by side, (n, k)."""
@@ -93,10 +96,9 @@ class Table:
         """Whether all of these number columns are there. Raises InputError where only some of them are."""
         there = [name for name in names if name in self.numbers]
         if there and len(there) < len(names):
-            lacking = ", ".join(name for name in names if name not in there)
-            raise InputError(
-                f"{self.source}: found the column {there[0]} without {lacking}, wanted all of them or none"
-            )
+            lacking = ", ".join(self.declared.name(name) for name in names if name not in there)
+            found = f"found the column {self.declared.name(there[0])} without {lacking}"
+            raise InputError(f"{self.source}: {found}, wanted all of them or none")
         return bool(there)
 
     def require(self, good: NDArray[np.bool_], column: str, wanted: str) -> None:
@@ -114,7 +116,7 @@ class Table:
         for row, text in enumerate(texts):
             if (earlier := first.setdefault(text, row)) != row:
                 found = f"{as_found(text)} again (first in row {self.row_number(earlier)})"
-                where = f"{self.source}, row {self.row_number(row)}, column {column}"
+                where = f"{self.source}, row {self.row_number(row)}, column {self.declared.name(column)}"
                 raise InputError(f"{where}: found {found}, wanted {wanted}")
 
 
@@ -125,18 +127,54 @@ def read_table(
     numbers: Sequence[str] = (),
     optional_texts: Sequence[str] = (),
     optional_numbers: Sequence[str] = (),
+    declared: Declared = UNDECLARED,
 ) -> Table:
-    """The columns asked for; others are passed over with a notice.
+    """The columns asked for, by the names that are ``declared``; others are passed over with a notice.
 
     A file may be CSV (UTF-8, commas, any line ends; blank lines and leading ``#`` lines are passed over), Parquet or
     Arrow, which its content tells. Raises InputError naming the table and, where there are such, row and column.
     """
-    schema = Schema(texts, numbers, optional_texts, optional_numbers)
+    asked = Schema(texts, numbers, optional_texts, optional_numbers)
+    schema = declared.schema(asked, str(source))
     found = _columns(source, schema)
     ignored = schema.ignored(found.header)
     s = "s" * (len(ignored) > 1)
     notices = [f"{source}: ignored the column{s} {', '.join(ignored)}"] if ignored else []
-    return Table(source, found.numbers, found.texts, found.rows, found.row_number, notices)
+    if found.left_out:
+        notices.append(
+            f"{source}: left out {found.left_out} of {found.left_out + found.rows} rows by {declared.key}.keep"
+        )
+    by_ours = {
+        name: found.numbers[declared.name(name)]
+        for name in (*numbers, *optional_numbers)
+        if declared.name(name) in found.numbers
+    }
+    words = {
+        name: found.texts[declared.name(name)]
+        for name in (*texts, *optional_texts)
+        if declared.name(name) in found.texts
+    }
+    if schema.stamps:
+        words |= {stamp(i): found.texts[name] for i, name in enumerate(schema.stamps)}
+    return Table(source, by_ours, words, found.rows, found.row_number, notices, declared)
+
+
+def stamp(i: int) -> str:
+    """Our name of the i-th column of a time."""
+    return "time" if i == 0 else f"time {i + 1}"
+
+
+def epochs(table: Table, scale: str) -> Epochs:
+    """``t_ns`` (n,) of a table's times, declared or in its column ``time``.
+
+    Raises InputError naming the row of one that is none of this scale.
+    """
+    times = table.declared.time or Times(("time",))
+    try:
+        return times.epochs([table.texts[stamp(i)] for i in range(len(times.columns))], scale)
+    except EpochError as error:
+        where = f"{table.source}, row {table.row_number(error.row)}, column {table.declared.name('time')}"
+        raise InputError(f"{where}: {error}") from None
 
 
 def _columns(source: TableSource, schema: Schema) -> Columns:
@@ -144,5 +182,5 @@ def _columns(source: TableSource, schema: Schema) -> Columns:
         return columns_of_table(str(source), source.table, schema)
     if (kind := binary_format(source)) is not None:
         return columns_of_table(str(source), read_binary(source, kind), schema)
-    large = source.is_file() and source.stat().st_size >= LARGE
+    large = source.is_file() and source.stat().st_size >= LARGE and not (schema.keep or schema.stamps)
     return (read_large_csv(source, schema) if large else None) or read_rows(source, schema)

@@ -3,25 +3,40 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 from ...physics.errors import InputError
 from ..text.files import nearest, show
 
+Value = str | bool | int | float
+"""What a cell is compared with."""
+
 
 @dataclass(frozen=True)
 class Schema:
-    """Names of text and number columns that a table must have, and of those that it may have."""
+    """Names of text and number columns that a table must have, and of those that it may have.
+
+    ``stamps`` are columns of times, text or numbers; ``keep`` has the values, one of several, that a row must have in
+    some columns to be looked at.
+    """
 
     texts: Sequence[str] = ()
     numbers: Sequence[str] = ()
     optional_texts: Sequence[str] = ()
     optional_numbers: Sequence[str] = ()
+    stamps: Sequence[str] = ()
+    keep: Mapping[str, tuple[Value, ...]] = field(default_factory=dict)
 
     def texts_in(self, header: Sequence[str]) -> list[str]:
         """Text columns to read."""
         return [name for name in (*self.texts, *self.optional_texts) if name in header]
+
+    def kept(self, cells: Mapping[str, object]) -> bool:
+        """Whether a row with these cells is to be looked at."""
+        return all(
+            any(_alike(cells.get(name), value) for value in values) for name, values in self.keep.items()
+        )
 
     def numbers_in(self, header: Sequence[str]) -> list[str]:
         """Number columns to read."""
@@ -29,12 +44,12 @@ class Schema:
 
     def ignored(self, header: Sequence[str]) -> list[str]:
         """Columns that nobody asks for."""
-        known = {*self.texts_in(header), *self.numbers_in(header)}
+        known = {*self.texts_in(header), *self.numbers_in(header), *self.stamps, *self.keep}
         return [name or "(unnamed)" for name in header if name not in known]
 
     def check(self, where: str, header: Sequence[str]) -> None:
         """Raise InputError where the header at ``where`` is empty, split otherwise, doubled or incomplete."""
-        needed = [*self.texts, *self.numbers]
+        needed = list(dict.fromkeys([*self.texts, *self.numbers, *self.stamps, *self.keep]))
         if not header:
             raise InputError(f"{where}: found no header, wanted the columns {', '.join(needed)}")
         for mark, name in ((";", "semicolons"), ("\t", "tabs")):
@@ -55,3 +70,15 @@ class Schema:
             raise InputError(
                 f"{where}: found the header {found}, wanted {columns} {', '.join(lacking)} too{hint}"
             )
+
+
+def _alike(cell: object, wanted: Value) -> bool:
+    """Whether a cell, text or already a value, is what is wanted: numbers by value, all else by its text."""
+    if isinstance(wanted, bool):
+        return str(cell).strip().lower() == str(wanted).lower()
+    if isinstance(wanted, str):
+        return str(cell).strip() == wanted
+    try:
+        return not isinstance(cell, bool) and float(str(cell)) == wanted
+    except ValueError:
+        return False
