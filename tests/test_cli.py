@@ -16,7 +16,7 @@ from command import Spoken, demo, process, starplumb
 from helpers import write_good_campaign
 from starplumb.physics import so3
 
-FILES = {"result.json", "residuals.csv", "mounting.tf"}
+FILES = {"result.json", "residuals.csv", "mounting.tf", "normals.json"}
 INTERFACE: dict[str, Any] = {
     "schema": "starplumb-result/1",
     "status": "ok",

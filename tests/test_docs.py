@@ -59,7 +59,7 @@ def test_readme_snippet_saves_the_files_of_the_command(tmp_path: Path) -> None:
     error = saved["truth"]["error_arcsec"]
     assert all(abs(e) < 4.0 * s for e, s in zip(error, shown, strict=True))
     names = {path.name for path in (tmp_path / "result").iterdir()}
-    assert names == {"result.json", "residuals.csv", "report.html", "mounting.tf"}
+    assert names == {"result.json", "residuals.csv", "report.html", "mounting.tf", "normals.json"}
 
 
 @pytest.mark.parametrize(

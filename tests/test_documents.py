@@ -13,6 +13,7 @@ from starplumb.documents.budget import BudgetDocument
 from starplumb.documents.comparison import ComparisonDocument
 from starplumb.documents.diagnosis import DiagnosisDocument
 from starplumb.documents.document import Document, Part
+from starplumb.documents.normals import NormalsDocument
 from starplumb.documents.reproduction import ReproductionDocument
 from starplumb.documents.result import ResultDocument
 from starplumb.documents.simulation import SimulationDocument
@@ -23,6 +24,7 @@ from starplumb.published.reproduce import reproduce
 KINDS = {
     "starplumb-result/1": ResultDocument,
     "starplumb-compare/1": ComparisonDocument,
+    "starplumb-normals/1": NormalsDocument,
     "starplumb-diagnosis/1": DiagnosisDocument,
     "starplumb-budget/1": BudgetDocument,
     "starplumb-simulation/1": SimulationDocument,

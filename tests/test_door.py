@@ -54,7 +54,7 @@ def test_saving_writes_the_very_files_of_the_command(tmp_path):
     assert starplumb("calibrate", path, "--out", tmp_path / "command", "-e", "focal_length").status == 0
     sp.calibrate(sp.read_campaign(path), ["focal_length"]).save(tmp_path / "session")
     files = {file.name: file.read_bytes() for file in (tmp_path / "command").iterdir()}
-    assert set(files) == {"result.json", "residuals.csv", "report.html", "mounting.tf"}
+    assert set(files) == {"result.json", "residuals.csv", "report.html", "mounting.tf", "normals.json"}
     assert files == {file.name: file.read_bytes() for file in (tmp_path / "session").iterdir()}
 
 

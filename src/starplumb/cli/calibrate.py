@@ -40,6 +40,14 @@ def calibrate(
     reach_deg: Annotated[
         float, typer.Option(help="With [detections]: the largest error the model mounting may have.")
     ] = 2.0,
+    prior: Annotated[
+        Path | None,
+        typer.Option(
+            "--prior",
+            metavar="RESULT.json",
+            help="What is known: an earlier result, with its whole covariance.",
+        ),
+    ] = None,
     out: Annotated[
         Path | None,
         typer.Option("--out", "-o", help="Folder of the results [default: `result` beside the campaign]."),
@@ -77,9 +85,8 @@ def calibrate(
         require_pyogrio(out / MAP)
     found = read_campaign(campaign)
     try:
-        result = run(
-            found, estimate or (), "robust" if robust and method in ("default", "gls") else method, reach_deg
-        )
+        chosen = "robust" if robust and method in ("default", "gls") else method
+        result = run(found, estimate or (), chosen, reach_deg, prior)
     except NotIdentified as refused:
         speak.notices(found.notices)
         refused.save(out)

@@ -299,4 +299,4 @@ def _has_prior(c: Calibration) -> bool:
     """Whether something of the mounting or of the other parameters was known before."""
     parameters = c.estimate.parameters
     known = parameters is not None and bool(np.any(np.isfinite(parameters.prior_sigma)))
-    return c.campaign.sigma_mounting is not None or known
+    return c.campaign.prior_E is not None or known

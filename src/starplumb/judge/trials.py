@@ -222,8 +222,8 @@ def _rough_misfit(observations: Observations) -> float:
 
 def _prior(campaign: Campaign) -> Array:
     """Covariance of the model mounting's error: as stated, else that of a rough one."""
-    sigma = campaign.sigma_mounting
-    return np.diag(np.full(3, ROUGH_MOUNTING) ** 2 if sigma is None else sigma**2)
+    stated = campaign.prior_E
+    return np.diag(np.full(3, ROUGH_MOUNTING) ** 2) if stated is None else stated
 
 
 def misfit_of_images(campaign: Campaign) -> Array:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..documents.result import ResultDocument
 from ..estimators.protocol import Status
-from ..io.text.files import read_text
+from ..io.text.files import fingerprint, read_text
 from ..physics.errors import InputError
 from .campaign import Campaign
 from .result import Result
@@ -52,10 +52,31 @@ def mounting_of(campaign: Campaign, result: Result | str | Path | None) -> Mount
 
 
 def _model(campaign: Campaign, *notices: str) -> Mounting:
-    sigma = campaign.loaded.campaign.sigma_mounting
-    if sigma is None:
+    prior_E = campaign.loaded.campaign.prior_E
+    if prior_E is None:
         return Mounting(campaign.C_EK, None, "model, its own error not stated", notices)
-    return Mounting(campaign.C_EK, np.diag(sigma**2), "model with its stated sigma", notices)
+    return Mounting(campaign.C_EK, prior_E, "model with its stated sigma", notices)
+
+
+def with_prior(campaign: Campaign, result: Result | str | Path) -> Campaign:
+    """The campaign with the mounting of an earlier result as its model, known with its whole covariance.
+
+    Raises InputError where the result cannot be used, or the campaign states a sigma of its mounting too.
+    """
+    loaded = campaign.loaded
+    if loaded.campaign.prior_E is not None:
+        raise InputError(
+            f"{campaign.source}: mounting.sigma_arcsec: found beside the prior of an earlier result, "
+            "wanted only one of the two"
+        )
+    if isinstance(result, Result):
+        mounting, inputs = _of_result(campaign, result), {}
+    else:
+        path = Path(result)
+        mounting = _of_document(_document(campaign, path), path)
+        inputs = {str(path): fingerprint(path)}
+    known = replace(loaded.campaign, C_EK=mounting.C_EK, covariance_mounting=mounting.covariance_E)
+    return replace(campaign, loaded=replace(loaded, campaign=known, inputs=loaded.inputs | inputs))
 
 
 def _of_result(campaign: Campaign, result: Result) -> Mounting:

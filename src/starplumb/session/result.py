@@ -37,7 +37,7 @@ Array = NDArray[np.float64]
 
 MAP = "residuals.gpkg"
 """The residuals for a geographic information system."""
-RESULT_FILES = ("report.html", "mounting.tf", "residuals.csv", MAP)
+RESULT_FILES = ("report.html", "mounting.tf", "residuals.csv", "normals.json", MAP)
 """Files of a result beside ``result.json``: those that a new result does not write are removed."""
 
 
@@ -149,6 +149,14 @@ class Result(Shown):
         named = [] if self.labels is None else [label_sentence(self.labels)]
         return (*named, *_sentences(c), *parameter_sentences(c), *(f"note: {text}" for text in c.sentences))
 
+    @cached_property
+    def normals(self) -> dict[str, Any] | None:
+        """``normals.json`` as a dictionary: additive normal equations; None where the answer cannot be used, where the
+        method's equations are not known, and where they are too many."""
+        from ..documents.normals import normals_document
+
+        return normals_document(self.calibration)
+
     @property
     def implausible(self) -> bool:
         """Whether the residuals are too large for the stated sigmas: :func:`starplumb.diagnose` may say why."""
@@ -176,6 +184,8 @@ class Result(Shown):
             "result.json": json_text(self.document),
             "residuals.csv": csv_pieces(residuals.names, residuals.columns),
         }
+        if (normals := self.normals) is not None:
+            files["normals.json"] = json_text(normals)
         if self.labels is not None:
             from ..io.results.labels import label_files
 

@@ -148,6 +148,7 @@ class Campaign:
     sigma_position     (3,)                position error an image's markers share, m, along ``position_frame``
     cov_attitude_E     (3, 3), (m, 3, 3)   of the attitude error an image's markers share, about E's axes, rad^2
     orientation                            of the Earth; needed where ``position_frame`` is inertial
+    covariance_mounting (3, 3) or None     the whole covariance of that error, rad^2, in place of sigma_mounting
     attitude_errors                        what is stated of who shares an error of attitude
     position_errors                        the same of the position error
     ================== =================== ==================================================================
@@ -169,6 +170,7 @@ class Campaign:
     orientation: Orientation | None = None
     attitude_errors: SharedErrors = SharedErrors()
     position_errors: SharedErrors = SharedErrors()
+    covariance_mounting: Array | None = None
 
     def __post_init__(self) -> None:
         _shape("C_EK", self.C_EK, (3, 3))
@@ -185,6 +187,13 @@ class Campaign:
             raise ValueError("an inertial position_frame needs the orientation of the Earth")
         _indices("image", self.sightings.image, m)
         _indices("landmark", self.sightings.landmark, len(self.landmarks.ids))
+
+    @property
+    def prior_E(self) -> Array | None:
+        """Covariance (3, 3) rad^2 of what was known of the model mounting; None for nothing."""
+        if self.covariance_mounting is not None or self.sigma_mounting is None:
+            return self.covariance_mounting
+        return np.diag(self.sigma_mounting**2)
 
     @property
     def attitudes(self) -> tuple[Attitude, ...]:

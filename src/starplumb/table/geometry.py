@@ -92,7 +92,6 @@ def observe(campaign: Campaign) -> Observations:
     xy_K, slope_K = campaign.camera.tan_from_px(s.column_px, s.row_px)
     p_J = campaign.landmarks.r_J[s.landmark]
     directions = _directions(campaign, station, p_J)
-    prior = campaign.sigma_mounting
     return Observations(
         image=s.image,
         landmark=s.landmark,
@@ -111,7 +110,7 @@ def observe(campaign: Campaign) -> Observations:
         cov_position_J=position_covariance(campaign),
         cov_landmark_J=campaign.landmarks.covariance_J,
         corrections=campaign.corrections,
-        prior_E=None if prior is None else np.diag(prior**2),
+        prior_E=campaign.prior_E,
         epoch_s=np.asarray((campaign.images.t_ns - campaign.images.t_ns[:1]) / 1e9),
     )
 
