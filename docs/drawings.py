@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-import matplotlib.pyplot as plt
+import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -13,8 +13,7 @@ from matplotlib.figure import Figure
 from starplumb.physics import so3
 from starplumb.physics.units import DEG
 
-plt.switch_backend("svg")
-plt.rcParams.update({"svg.hashsalt": "starplumb", "font.size": 12, "savefig.facecolor": "white"})
+mpl.rcParams.update({"svg.hashsalt": "starplumb", "font.size": 12, "savefig.facecolor": "white"})
 
 RED, GREEN, BLUE, GREY = "#c0392b", "#1e8449", "#2456a6", "#777777"
 VIEW = so3.exp(np.array([-62.0, 0.0, 0.0]) * DEG) @ so3.exp(np.array([0.0, 0.0, 35.0]) * DEG)
@@ -26,11 +25,12 @@ def on_paper(points: np.ndarray) -> np.ndarray:
 
 
 def blank(width: float, height: float, columns: int = 1) -> tuple[Figure, list[Axes]]:
-    figure, axes = plt.subplots(1, columns, figsize=(width, height), layout="constrained", squeeze=False)
-    for axis in axes[0]:
+    figure = Figure(figsize=(width, height), layout="constrained")
+    axes = [figure.add_subplot(1, columns, 1 + i) for i in range(columns)]
+    for axis in axes:
         axis.set_aspect("equal")
         axis.axis("off")
-    return figure, list(axes[0])
+    return figure, axes
 
 
 def arrow(
@@ -222,7 +222,8 @@ def euler() -> Figure:
 
 def scales() -> Figure:
     """How the time scales are offset from one another, from 2017 on."""
-    figure, axis = plt.subplots(figsize=(7.5, 1.7), layout="constrained")
+    figure = Figure(figsize=(7.5, 1.7), layout="constrained")
+    axis = figure.add_subplot()
     offsets = {"UTC": 0.0, "GPS": 18.0, "TAI": 37.0, "TT": 69.184}
     axis.axhline(0.0, color=GREY, lw=1.0)
     for name, at in offsets.items():
@@ -240,9 +241,7 @@ DRAWINGS = (frames, mounting, signs, pixels, euler, scales)
 def main(folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     for draw in DRAWINGS:
-        figure = draw()
-        figure.savefig(folder / f"{draw.__name__}.svg", metadata={"Date": None})
-        plt.close(figure)
+        draw().savefig(folder / f"{draw.__name__}.svg", metadata={"Date": None})
 
 
 if __name__ == "__main__":

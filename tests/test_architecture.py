@@ -64,6 +64,15 @@ def tree(module):
     return ast.parse(MODULES[module].read_text(encoding="utf-8"))
 
 
+def named(arguments, package):
+    """The parts of a module's name that ``import_module`` is given as a string; of one that is computed, nothing."""
+    if not isinstance(arguments[0], ast.Constant):
+        return [""]
+    text = arguments[0].value
+    above = len(text) - len(text.lstrip("."))
+    return [*package[: len(package) - above + 1 if above else 0], *text.lstrip(".").split(".")]
+
+
 @cache
 def imported(module):
     """Modules of the package that a module imports, anywhere in its text: in functions and for type checking too."""
@@ -77,6 +86,8 @@ def imported(module):
             base = package[: len(package) - node.level + 1] if node.level else []
             base = [*base, *(node.module or "").split(".")] if node.module else base
             names = [[*base, alias.name] for alias in node.names]
+        elif isinstance(node, ast.Call) and ast.unparse(node.func).rpartition(".")[2] == "import_module":
+            names = [named(node.args, package)]
         else:
             continue
         for name in names:
@@ -85,6 +96,20 @@ def imported(module):
                 found.add(whole if whole in MODULES else whole.rpartition(".")[0])
     assert found <= set(MODULES), f"{module} imports what is not there: {found - set(MODULES)}"
     return found - {module}
+
+
+@pytest.mark.parametrize(
+    ("call", "parts"),
+    [
+        ('import_module("numba")', ["numba"]),
+        ('import_module("starplumb.cli.app")', ["starplumb", "cli", "app"]),
+        ('import_module(".run", __name__)', ["starplumb", "study", "run"]),
+        ('import_module("..cli.app", "starplumb.study")', ["starplumb", "cli", "app"]),
+        ("import_module(name)", [""]),
+    ],
+)
+def test_a_module_named_in_a_string_counts_as_imported(call, parts):
+    assert named(ast.parse(call, mode="eval").body.args, ["starplumb", "study"]) == parts
 
 
 def test_every_module_lives_in_a_folder_of_the_plan():

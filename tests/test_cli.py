@@ -47,7 +47,7 @@ INTERFACE: dict[str, Any] = {
     },
     "rejected": [],
     "inputs": {"campaign.toml": "sha256:..."},
-    "software": {"starplumb": "0.1.0"},
+    "software": {"starplumb": "0.2.0"},
 }
 """``result.json`` as the interface writes it down: at least these keys, of these types."""
 

@@ -17,7 +17,6 @@ from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from command import starplumb
-from conftest import SHARED
 from problems import C_EK_TRUE, FRAME, LINE, SIGMAS, truth
 from starplumb.cli.app import app
 from starplumb.io.campaign.read import load_campaign
@@ -458,8 +457,8 @@ CASES = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
-def test_a_case_is_told_by_its_cause(name):
-    folder = SHARED / "cases" / name
+def test_a_case_is_told_by_its_cause(name, shared_cases):
+    folder = shared_cases / name
     if not folder.is_dir():
         pytest.skip(f"case not found at {folder}")
     spoken = starplumb("diagnose", folder / "campaign.toml", "--json")

@@ -94,10 +94,10 @@ def test_redundancies_sum_to_the_degrees_of_freedom(name, rng):
     o = SCENES[name]()
     o = measure(o, C_EK_TRUE, Errors.draw(o, rng))
     adjusted = problem(o, Gls()(o, C_EK_TRUE).C_EK)
-    (portion,) = adjusted.portions()
+    (part,) = adjusted.tested_parts()
     images = np.sum(6.0 - np.trace(adjusted.statistics.image_cofactor, axis1=1, axis2=2))
     landmarks = np.sum(3.0 - np.trace(adjusted.statistics.landmark_cofactor, axis1=1, axis2=2))
-    redundancy = 2.0 * np.sum(portion.tested.redundancy)
+    redundancy = 2.0 * np.sum(part.tested.redundancy)
     assert redundancy + images + landmarks == pytest.approx(2 * o.n - 3, rel=1e-9)
 
 
@@ -190,7 +190,7 @@ def check_same(parts, whole):
 
 
 @pytest.mark.slow
-def test_portions_say_what_the_whole_says(monkeypatch, rng):
+def test_parts_say_what_the_whole_says(monkeypatch, rng):
     """Of a large table that is never held whole: statistics, residuals and error budget are those of the dense one."""
     o, used = uneven(rng)
     calibration = Gls((Optics(FRAME, ("focal_length", "k1"), (np.inf, 1.0)),))
@@ -199,8 +199,8 @@ def test_portions_say_what_the_whole_says(monkeypatch, rng):
     for name, value in (("LARGE", 50), ("CHUNK", 40)):
         monkeypatch.setattr(chunks, name, value)
     parts = judged(calibration, o, estimate, used)
-    assert len(list(whole[3].portions())) == 1
-    assert len(list(parts[3].portions())) > 15
+    assert len(list(whole[3].tested_parts())) == 1
+    assert len(list(parts[3].tested_parts())) > 15
     check_same(parts, whole)
 
 
@@ -230,7 +230,7 @@ def test_repeated_landmarks_are_judged_by_blocks_of_a_sparse_inverse(images_firs
     first, work = (6, 3) if images_first else (3, 6), schur.Plan.work.fget
     monkeypatch.setattr(schur.Plan, "work", property(lambda p: work(p) if p.sizes == first else np.inf))
     parts = judged(calibration, o, estimate, used)
-    assert len(list(parts[3].portions())) > 5
+    assert len(list(parts[3].tested_parts())) > 5
     check_same(parts, whole)
 
 

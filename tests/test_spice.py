@@ -17,7 +17,6 @@ from starplumb.io.formats.spice import (
     frame_name,
     read_spk,
     tdb_seconds,
-    write_frame_kernel,
 )
 from starplumb.io.formats.spice_names import frame_name_fault
 from starplumb.physics import timescales
@@ -195,6 +194,10 @@ def loaded(path: Path, call):
         return call()
     finally:
         spice.unload(str(path))
+
+
+def write_frame_kernel(path, *arguments, **options):
+    path.write_text(frame_kernel_text(*arguments, **options), encoding="ascii", newline="\n")
 
 
 def test_frame_kernel_gives_back_the_mounting(tmp_path, rng):

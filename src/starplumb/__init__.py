@@ -29,7 +29,7 @@ Shapes. Leading axes are the batch, trailing axes the object; ``()`` is one run.
 
 from __future__ import annotations
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 _DOOR = {
     "AlignmentFailed": "physics.errors",

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..physics import so3
 from ..solve.adjustment import Adjustment
-from ..solve.problem import Linear, Portion, Problem
+from ..solve.problem import Linear, Problem, TestedPart
 from ..solve.reliability import Tested
 from ..table.observations import Observations
 from ..table.parameters import Parameter
@@ -126,9 +126,9 @@ class Fit:
         """Rows of whole images, and the table, linearisation and design of each."""
         return self.whole.parts()
 
-    def portions(self) -> Iterator[Portion]:
+    def tested_parts(self) -> Iterator[TestedPart]:
         """What the adjustment says of its sightings; nothing where that is not known."""
-        return self.whole.portions()
+        return self.whole.tested_parts()
 
     def tested(self) -> Tested | None:
         """The statistics of all observations; None where they are not known."""

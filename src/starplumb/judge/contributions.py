@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..solve.problem import Portion
+from ..solve.problem import TestedPart
 from ..solve.whitening import accumulate
 from ..table.observations import Observations
 
@@ -34,7 +34,7 @@ _LABELS = {
 
 @dataclass(frozen=True)
 class Spread:
-    """What the errors of a table's sightings, drawn as stated, do to its alignment; added up portion by portion.
+    """What the errors of a table's sightings, drawn as stated, do to its alignment; added up part by part.
 
     ``attitude``, ``position`` (m, 3, 3) and ``landmark`` (L, 3, 3) sum the slopes of a member's sightings, the latter
     only where landmarks are seen more than once; ``noise`` and ``own`` (3, 3) are the covariances by pixel noise, and
@@ -59,18 +59,18 @@ class Spread:
         common = np.zeros((3, 0 if o.common_px is None else o.common_px.shape[-1]))
         return cls(o, image, position, landmark, noise[0], own[0], common)
 
-    def add(self, portion: Portion, gain: Array) -> None:
+    def add(self, part: TestedPart, gain: Array) -> None:
         """Sightings that move the alignment by ``gain`` (n, 3, 2) rad per pixel."""
-        model, used = portion.model, portion.tested.used[:, None, None]
-        K, whitened = np.where(used, gain, 0.0), np.where(used, portion.tested.influence[:, :3], 0.0)
-        by_place, image = K @ model.R, self.table.image[portion.rows]
+        model, used = part.model, part.tested.used[:, None, None]
+        K, whitened = np.where(used, gain, 0.0), np.where(used, part.tested.influence[:, :3], 0.0)
+        by_place, image = K @ model.R, self.table.image[part.rows]
         accumulate(self.attitude, K @ model.H, image)
         accumulate(self.position, by_place, image)
         if self.landmark.size:
-            accumulate(self.landmark, by_place, self.table.landmark[portion.rows])
-        if portion.table.common_px is not None:
-            self.common[...] += np.einsum("nij,njp->ip", K, portion.table.common_px)
-        self.noise[...] += _square(K * portion.table.sigma_px[:, None, None])
+            accumulate(self.landmark, by_place, self.table.landmark[part.rows])
+        if part.table.common_px is not None:
+            self.common[...] += np.einsum("nij,njp->ip", K, part.table.common_px)
+        self.noise[...] += _square(K * part.table.sigma_px[:, None, None])
         self.own[...] += _square(whitened)
 
     @property

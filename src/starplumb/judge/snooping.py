@@ -115,8 +115,8 @@ def snoop(fit: Fit, estimate: AlignmentEstimate) -> Snooping | None:
     T, freedom = np.empty(n), np.empty(n, dtype=np.int64)
     w, detectable_px = np.empty((n, 2)), np.empty((n, 2))
     redundancy, effect_E, spread = np.empty(n), np.empty(n), Spread.of(fit.table)
-    for portion in fit.portions():
-        tested, rows = portion.tested, portion.rows
+    for some in fit.tested_parts():
+        tested, rows = some.tested, some.rows
         T[rows], freedom[rows] = tested.sightings
         redundancy[rows] = tested.redundancy
         K = tested.influence[:, :3]
@@ -124,7 +124,7 @@ def snoop(fit: Fit, estimate: AlignmentEstimate) -> Snooping | None:
         w[rows], detectable_px[rows] = _of_pixels(tested)
         effect = np.linalg.norm(gain, axis=1) * detectable_px[rows]
         effect_E[rows] = np.max(effect, axis=-1)
-        spread.add(portion, gain)
+        spread.add(some, gain)
     of_all = fit.whole.of_groups((T, freedom))
     if of_all is None:
         return None

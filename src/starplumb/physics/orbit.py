@@ -111,11 +111,6 @@ def C_RO(r_R: ArrayLike, v_R: ArrayLike) -> Array:
     return np.stack([np.cross(y, z), y, z], axis=-1)
 
 
-def C_OK_nadir() -> Array:
-    """Camera looking down with its rows growing along the track: y_K = x_O, x_K = -y_O, z_K = z_O."""
-    return np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-
-
 def turned(C_RO: Array, roll: ArrayLike, pitch: ArrayLike, yaw: ArrayLike) -> Array:
     """Orbital frame after a turn: yaw about z, then pitch about the new y, then roll about the new x (rad).
 

@@ -33,7 +33,7 @@ PATIENCE = 20.0
 
 
 @dataclass(frozen=True)
-class Portion:
+class TestedPart:
     """Some rows of a table with the parameters applied, linearised, and what is known of them."""
 
     rows: Rows
@@ -159,7 +159,7 @@ class Problem:
         cofactors = shared.cofactors() if np.all(np.isfinite(found.covariance)) else None
         return None if cofactors is None else Solution(found.x, found.covariance, shared, cofactors)
 
-    def portions(self) -> Iterator[Portion]:
+    def tested_parts(self) -> Iterator[TestedPart]:
         """What the adjustment says of its sightings, a chunk at a time (no batch axes); nothing where that is not
         known."""
         solution = self.statistics
@@ -169,13 +169,13 @@ class Problem:
         for rows, (table, model, A) in self.pieces():
             d = self._roots.design(replace(table, weight=np.ones(table.n)), model, A, rows)
             tested = reliability(table.weight > 0.0, d, table.image, pairs.of[rows], solution)
-            yield Portion(rows, table, model, tested)
+            yield TestedPart(rows, table, model, tested)
 
     def tested(self) -> Tested | None:
         """The statistics of all observations (no batch axes); None where they are not known."""
         T, dof = np.zeros(self.table.n), np.zeros(self.table.n, dtype=np.int64)
-        for portion in self.portions():
-            T[portion.rows], dof[portion.rows] = portion.tested.sightings
+        for some in self.tested_parts():
+            T[some.rows], dof[some.rows] = some.tested.sightings
         return self.of_groups((T, dof))
 
     def of_groups(self, sightings: tuple[Array, Index]) -> Tested | None:

@@ -17,7 +17,6 @@ from ...physics import timescales
 from ...physics.errors import InputError
 from ...physics.units import ARCSEC
 from ..text.files import trouble
-from ..text.write import write_text
 from .series_tables import EphemerisTable, EpochArray, FloatArray
 from .spice_names import DEFAULT_IDS, FrameIds, frame_name
 
@@ -168,21 +167,6 @@ def _samples(span: _Span, step_s: float) -> EpochArray:
 def _tdb(span: _Span, t_ns: EpochArray) -> FloatArray:
     """SPICE times of samples, not a rounding beyond the kernel's ends, where it would refuse."""
     return np.clip(tdb_seconds(t_ns), span.first_tdb, span.last_tdb)
-
-
-def write_frame_kernel(
-    path: str | Path,
-    C_EK: FloatArray,
-    from_name: str = "CAMERA",
-    to_name: str = "STAR_TRACKER",
-    *,
-    ids: FrameIds = DEFAULT_IDS,
-    covariance_E: FloatArray | None = None,
-    comments: Sequence[str] = (),
-) -> None:
-    """Write :func:`frame_kernel_text` to a file (.tf); InputError where that cannot be."""
-    text = frame_kernel_text(C_EK, from_name, to_name, ids=ids, covariance_E=covariance_E, comments=comments)
-    write_text(Path(path), text)
 
 
 def frame_kernel_text(
