@@ -398,6 +398,10 @@ def _cut_times(c: Campaign, rng: Rng) -> Campaign:
     return replace(c, images=replace(c.images, t_ns=c.images.t_ns // step * step))
 
 
+def _without_zeros(folder: Path, rng: Rng) -> None:
+    _rewrite(folder / "images.csv", lambda row: row | {"time": row["time"].rstrip("0").rstrip(".")})
+
+
 def _coarse(c: Campaign, rng: Rng) -> Campaign:
     step = float(rng.choice([1.0, 1.5, 2.0, 3.0]))
 
@@ -630,23 +634,31 @@ FAULTS = [
     Fault(
         "image times cut to 1, 10 or 100 ms",
         ("multiples", *WORST),
-        ("digits.images", "clock.", "image."),
+        ("digits.", "clock.", "image."),
         Wanted(3),
         delivered=_cut_times,
+        written=_without_zeros,
     ),
     Fault(
         "quaternions of 3 to 5 decimals",
         ("decimals", "scatter", *WORST),
-        (),
+        ("digits.",),
         Wanted(2),
         written=_rounded("attitude.csv", ("qx", "qy", "qz", "qw"), 3, 5),
     ),
     Fault(
         "latitudes of 2 to 4 decimals",
         ("multiples", *WORST),
-        (),
+        ("digits.",),
         Wanted(2),
         written=_rounded("landmarks.csv", ("latitude_deg", "longitude_deg"), 2, 4),
+    ),
+    Fault(
+        "pixels of 0 or 1 decimals",
+        ("multiples", *WORST),
+        ("digits.",),
+        Wanted(2),
+        written=_rounded("observations.csv", ("column_px", "row_px"), 0, 1),
     ),
     Fault(
         "attitude sampled too coarsely",

@@ -16,9 +16,12 @@ from starplumb.estimators.protocol import Status
 from starplumb.io.campaign.read import load_campaign
 from starplumb.io.campaign.write import write_campaign
 from starplumb.judge.calibrate import calibrate
-from starplumb.judge.files.evidence import growth
+from starplumb.judge.files.digits import _quaternions, _step_px
+from starplumb.judge.files.evidence import growth, listed, worst
 from starplumb.judge.files.image_errors import ImageErrors, OwnErrors
+from starplumb.judge.files.places import places
 from starplumb.judge.files.sampling import between, left_out
+from starplumb.judge.files.sharing import _if_shared
 from starplumb.physics import so3
 from starplumb.physics.errors import InputError
 from starplumb.physics.rounding import decimal_step, is_grid, time_step
@@ -159,11 +162,33 @@ def test_likelihood_of_further_errors_is_the_dense_restricted_one(dense, rng):
     )
 
 
+def test_an_error_that_images_share_acts_by_the_sum_of_their_gains(dense):
+    """Images 0 and 2 with one draw of each source, the others with their own, in the dense adjustment."""
+    errors, o, _, H, M, noise, B = dense
+    W = np.linalg.inv(noise + M @ B @ M.T)
+    G = np.linalg.solve(H.T @ W @ H + np.linalg.inv(o.prior_E), H.T @ W) @ M
+    order, group = np.array([0, 2, 1, 3]), np.array([0, 0, 1, 2])
+    for part in (slice(0, 3), slice(3, 6)):
+        gains = [G[:, 6 * i : 6 * i + 6][:, part] for i in range(4)]
+        sums = [gains[0] + gains[2], gains[1], gains[3]]
+        stated = [B[6 * i : 6 * i + 6, 6 * i : 6 * i + 6][part, part] for i in (0, 1, 3)]
+        expected = sum(S @ C @ S.T for S, C in zip(sums, stated, strict=True))
+        np.testing.assert_allclose(_if_shared(errors, order, group, (part,)), expected, rtol=1e-6)
+
+
 def test_growth_is_that_about_the_axis_hit_hardest():
     """A sigma of 1 and 2 with 1 more about an axis halfway: by hand, sqrt(1 + u^T C^-1 u) for the rank-one case."""
     u = np.array([0.6, 0.8, 0.0])
     expected = np.sqrt(1.0 + 0.36 / 1.0 + 0.64 / 4.0)
     assert growth(np.diag([1.0, 4.0, 9.0]), np.outer(u, u)) == pytest.approx(expected)
+
+
+def test_the_first_three_names_are_listed_and_the_axis_hit_hardest_is_told():
+    assert listed(["a", "b", "c"]) == "a, b, c"
+    assert listed(["a", "b", "c", "d", "e"]) == "a, b, c and 2 more"
+    sigma, added = np.array([1.0, 2.0, 9.0]) * ARCSEC, np.array([0.5, 4.0, 9.0]) * ARCSEC
+    said = worst(np.diag(sigma**2), np.diag(added**2))
+    assert said == "up to 4 arcsec about y, where the sigma is 2 arcsec"
 
 
 # ---------------------------------------------------------------- sampling
@@ -276,6 +301,29 @@ def test_one_wrong_sample_is_named_by_its_time_and_the_images_it_feeds(seed, noi
     assert done.status is Status.WEAK
 
 
+@pytest.mark.parametrize(("noise", "named"), [(0.0, True), (4.0, False)])
+def test_a_sample_a_few_sigmas_off_is_wrong_only_if_its_neighbours_agree_closely(noise, named, rng):
+    """25 arcsec are 4 sigmas of the prediction: among samples of nearly the stated noise that may be chance."""
+    campaign, _ = demo("frame", 6, 234)
+    sampled = with_samples(campaign, 2.0, lambda t: noise * ARCSEC * rng.standard_normal((t.size, 3)))
+    series = sampled.one_attitude
+    k = int(np.searchsorted(series.t_ns, campaign.images.t_ns[3]))
+    q = series.q_EF.copy()
+    q[k] = so3.to_quaternion(so3.exp(np.array([25.0, 0.0, 0.0]) * ARCSEC) @ so3.from_quaternion(q[k]))
+    done = calibrate(replace(sampled, attitude=replace(series, q_EF=q)), Gls())
+    assert ("sample" in kinds(done)) is named
+
+
+def test_weights_halfway_between_samples_are_the_cubics():
+    """By hand -1/16, 9/16, 9/16, -1/16 of the four samples, and 9/16 step^4 the product of the distances."""
+    t = ns(np.arange(12.0))
+    still = Attitude(t, np.tile([0.0, 0.0, 0.0, 1.0], (12, 1)), "ITRF")
+    place = between(still, ns([5.5]))
+    assert place.nodes.tolist() == [[4, 5, 6, 7]]
+    np.testing.assert_allclose(place.weights, np.array([[-1.0, 9.0, 9.0, -1.0]]) / 16.0, atol=1e-12)
+    np.testing.assert_allclose(place.product, [9.0 / 16.0])
+
+
 # ---------------------------------------------------------------- digits of a campaign
 
 
@@ -335,6 +383,17 @@ def degrees(decimals):
     return change
 
 
+@pytest.mark.parametrize(("step", "said"), [(0.009, True), (0.011, False)])
+def test_quaternions_of_fewer_than_two_digits_are_designed(monkeypatch, step, said, dense):
+    """By hand, as halves: not by a tracker. Steps about a hundredth stand for such a series."""
+    errors = dense[0]
+    campaign, _ = demo("frame", 4, 31)
+    written = campaign.with_attitude(lambda a: replace(a, quaternion_step=step))
+    monkeypatch.setattr(ImageErrors, "allows", lambda *_: True)
+    found = list(_quaternions(written, errors, np.eye(3) * ARCSEC**2))
+    assert bool(found) is said
+
+
 @pytest.mark.parametrize(("decimals", "said"), [(3, True), (7, False)])
 def test_digits_of_latitudes(tmp_path, decimals, said):
     """Three decimals of a degree are 32 m rms against 0.5 m stated."""
@@ -364,6 +423,15 @@ def test_digits_of_pixels():
         "the pixels of the observations are whole multiples of 1 px"
         in calibrate(replace(sure, sightings=whole), Gls()).message
     )
+
+
+def test_whole_pixels_counted_from_a_corner_are_whole_pixels():
+    """The corner is half a pixel from the centre of the first pixel, where the package counts from."""
+    marks = np.array([[12.0, 7.0, 3.0, 9.0], [2.0, 18.0, 5.0, 11.0]])
+    assert _step_px(marks - 0.5) == 1.0
+    assert _step_px(marks) == 1.0
+    assert _step_px(marks + 0.25) == pytest.approx(0.01)
+    assert _step_px(0.1 * marks - 0.5) == pytest.approx(0.1)
 
 
 def test_numbers_that_are_round_by_design_are_left_alone(tmp_path):
@@ -421,6 +489,30 @@ def test_one_place_under_two_ids_is_named():
         landmarks=replace(campaign.landmarks, r_J=r_J + 20 * shift * (np.arange(len(r_J)) == 7)[:, None]),
     )
     assert not calibrate(apart, Gls()).evidence
+
+
+@pytest.mark.parametrize(("grown", "weakens"), [(1.04, False), (1.06, True)])
+def test_a_place_counted_twice_weakens_where_it_matters(monkeypatch, grown, weakens):
+    campaign, _ = demo("frame", 3, 261)
+    r_J = campaign.landmarks.r_J.copy()
+    r_J[7] = r_J[6]
+    twice = replace(campaign, landmarks=replace(campaign.landmarks, r_J=r_J))
+    monkeypatch.setattr(ImageErrors, "by_pairs", lambda *_: np.diag([grown**2 - 1.0, 0.0, 0.0]))
+    o = observe(twice)
+    (found,) = (
+        e for e in places(twice, o, ImageErrors.of(o, campaign.C_EK), np.eye(3)) if e.kind == "same place"
+    )
+    assert found.weakens is weakens
+
+
+def test_a_landmark_without_a_part_in_the_answer_is_no_one_elses_place():
+    campaign, C_EK_true = demo("frame", 3, 261)
+    r_J = campaign.landmarks.r_J.copy()
+    r_J[7] = r_J[6]
+    twice = replace(campaign, landmarks=replace(campaign.landmarks, r_J=r_J))
+    o = observe(twice)
+    o = replace(o, weight=np.where(o.landmark == 7, 0.0, 1.0))
+    assert not list(places(twice, o, ImageErrors.of(o, C_EK_true), np.eye(3)))
 
 
 def test_images_close_in_time_ask_for_a_statement():

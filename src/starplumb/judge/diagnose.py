@@ -15,6 +15,7 @@ from .consistency import DECISIVE
 from .conventions.frames_and_times import misread_frames_and_times
 from .conventions.image_and_ground import misread_image_and_ground
 from .conventions.mistake import Mistake, Written
+from .conventions.shown import shown_by_files
 from .conventions.suspects import suspects
 from .conventions.unknowns import unknowns
 from .trials import Trial, by_directions, calibrated, misfit_of_images, thinned, tried, without_rejected
@@ -97,6 +98,8 @@ class _Search:
             *unknowns(c),
             *suspects(c, self.written, misfit_of_images(c)),
         ]
+        evident = {mistake.kind for mistake in self.mistakes if mistake.evidence}
+        self.mistakes += shown_by_files(c, evident)
         self.trials = [tried(c, (mistake,)) for mistake in self.mistakes]
 
     def without_sightings(self) -> None:
@@ -113,19 +116,21 @@ class _Search:
         """The campaign as it stands, and the best trial of each of a few kinds."""
         kinds: dict[str, Trial] = {}
         for trial in sorted((t for t in self.trials if len(t.undone) == 1), key=_rank):
-            kinds.setdefault(trial.undone[0].kind, trial)
+            if trial.undone[0].kind not in UNSEEN:
+                kinds.setdefault(trial.undone[0].kind, trial)
         return [self.stated, *list(kinds.values())[:LEADERS]]
 
     def in_pairs(self) -> None:
         """The best changes together with all others, then gross mistakes two by two."""
         sparse = thinned(self.campaign, ENOUGH_FOR_PAIRS)
+        seen = [mistake for mistake in self.mistakes if mistake.kind not in UNSEEN]
         pairs = [
             (first, second)
             for first in (trial.undone[0] for trial in self._leaders() if trial.undone)
-            for second in self.mistakes
+            for second in seen
             if second.kind != first.kind and not (first.free and second.free)
         ]
-        rough = sorted((tried(sparse, pair) for pair in pairs), key=_rank)
+        rough = sorted((tried(sparse, pair, roughly=True) for pair in pairs), key=_rank)
         close = [*rough[:PAIRS], *self._gross(sparse)]
         found = [tried(self.campaign, trial.undone) for trial in close]
         self.trials += found
@@ -164,6 +169,8 @@ class _Search:
 
 GROSS = ("pixels", "binning", "camera", "landmarks", "attitude", "ephemeris", "frames")
 """Kinds of mistakes that a turned mounting does not absorb, whatever else is wrong."""
+UNSEEN = ("mounting", "axes", "horizon", "places")
+"""Kinds that change no residual, at most the size of the correction: with them nothing fits that did not."""
 
 
 def _rank(trial: Trial) -> tuple[bool, float]:

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from ..estimators.campaign_table import table_of
 from ..estimators.gls import Gls
-from ..estimators.protocol import AlignmentEstimate, Estimator, Status, Verdict
+from ..estimators.protocol import AlignmentEstimate, Status, Verdict
 from ..estimators.robust import Robust
 from ..estimators.wahba import Wahba
 from ..physics import so3
@@ -29,7 +29,6 @@ from ..physics.units import DEG
 from ..table.campaign import Campaign
 from ..table.equation import linearise
 from ..table.observations import Observations
-from ..table.parameters import Parameter
 from .consistency import ABSURD, DECISIVE, IMPLAUSIBLE_P, chi2_p
 from .conventions.mistake import Mistake
 from .conventions.suspects import image_text
@@ -48,6 +47,8 @@ MOST_REJECTED = 0.4
 """Share of the sightings beyond which leaving them out is no explanation."""
 ITERATIONS = 8
 """What fits converges in 3 or 4 steps from the closed form; what does not is not worth more."""
+ROUGH = 2
+"""Steps after which what fits is told from what does not."""
 
 
 @dataclass(frozen=True)
@@ -128,28 +129,27 @@ def mended(campaign: Campaign, mistakes: tuple[Mistake, ...]) -> Campaign:
     return campaign
 
 
-def tried(campaign: Campaign, mistakes: tuple[Mistake, ...]) -> Trial:
+def tried(campaign: Campaign, mistakes: tuple[Mistake, ...], roughly: bool = False) -> Trial:
     """The trial of a campaign with mistakes undone, the obstacle where that is not possible."""
     try:
-        return calibrated(mended(campaign, mistakes), mistakes)
+        return calibrated(mended(campaign, mistakes), mistakes, roughly)
     except InputError as error:
         return Trial(mistakes, np.inf, obstacle=str(error))
 
 
-def calibrated(campaign: Campaign, undone: tuple[Mistake, ...]) -> Trial:
+def calibrated(campaign: Campaign, undone: tuple[Mistake, ...], roughly: bool = False) -> Trial:
+    """The trial of a campaign as it stands; ``roughly`` is enough to order it among others."""
     # most trials are nonsense on purpose, so that overflow and division by zero are to be expected
     free = tuple(parameter for mistake in undone for parameter in mistake.free)
     with np.errstate(all="ignore"):
         try:
             observations = replace(table_of(campaign), prior_E=None)
-            estimate = _estimator(free)(observations, campaign.C_EK)
+            estimate = Gls(free, max_iterations=ROUGH if roughly else ITERATIONS)(observations, campaign.C_EK)
+            if roughly and int(estimate.status) == Status.NOT_CONVERGED:
+                estimate = replace(estimate, status=np.asarray(int(Status.WEAK)))
             return _judged(campaign, observations, estimate, undone)
         except (InputError, np.linalg.LinAlgError) as error:
             return Trial(undone, np.inf, obstacle=str(error))
-
-
-def _estimator(free: tuple[Parameter, ...]) -> Estimator:
-    return Gls(free, max_iterations=ITERATIONS)
 
 
 def _judged(

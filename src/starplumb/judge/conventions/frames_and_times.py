@@ -24,6 +24,7 @@ from .mistake import Mistake, Written
 
 Array = NDArray[np.float64]
 
+_HOUR_NS = 3_600 * 10**9
 _CONJUGATE = np.array([-1.0, -1.0, -1.0, 1.0])
 
 
@@ -193,9 +194,17 @@ _FRAME_NAMES = {
 }
 
 
+def _of_date(frame: FrameOfDate, t_ns: NDArray[np.int64]) -> Array:
+    """C_IF at many epochs (n,), linear between whole hours: within 2e-5 arcsec of the series, which take long."""
+    hour, back = np.unique(t_ns // _HOUR_NS, return_inverse=True)
+    since = (t_ns - hour[back] * _HOUR_NS) / _HOUR_NS
+    here, next_ = (C_IF(frame, (hour + k) * _HOUR_NS) for k in (0, 1))
+    return np.asarray(here[back] + since[:, None, None] * (next_ - here)[back])
+
+
 def _attitude_of_date(a: Attitude, frame: FrameOfDate) -> Attitude:
     """An attitude stated from GCRF that is from a frame of date: ``C_EI = C_EF C_FI``."""
-    C_EI = so3.from_quaternion(a.q_EF) @ C_IF(frame, a.t_ns).mT
+    C_EI = so3.from_quaternion(a.q_EF) @ _of_date(frame, a.t_ns).mT
     return replace(a, q_EF=so3.to_quaternion(C_EI))
 
 
@@ -203,7 +212,7 @@ def _ephemeris_of_date(c: Campaign, frame: FrameOfDate) -> Campaign:
     """The campaign whose inertial states are those of a frame of date: ``r_I = C_IF r_F``."""
     orientation = _orientation(c)
     r_F, v_F = _inertial(c.ephemeris, orientation)
-    turn = C_IF(frame, c.ephemeris.t_ns)
+    turn = _of_date(frame, c.ephemeris.t_ns)
     r_I = np.einsum("nij,nj->ni", turn, r_F)
     v_I = None if v_F is None else np.einsum("nij,nj->ni", turn, v_F)
     return replace(c, ephemeris=_earth_fixed(c.ephemeris, r_I, v_I, orientation))

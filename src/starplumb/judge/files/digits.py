@@ -10,6 +10,7 @@ is said.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,6 +45,23 @@ def digits(
     yield from _quaternions(campaign, errors, covariance_E)
     yield from _places(campaign, errors, covariance_E)
     yield from _pixels(campaign, errors, covariance_E)
+
+
+def with_rounding(campaign: Campaign) -> Campaign:
+    """The campaign with the rounding of quaternions, places and pixels among its stated errors."""
+    steps = [a.quaternion_step for a in campaign.attitudes if a.quaternion_step <= DESIGNED_QUATERNION]
+    turn = 2.0 * max(steps, default=0.0) * ROUNDING
+    landmarks, found = campaign.landmarks, _landmark_rounding(campaign.landmarks.r_J)
+    if found is not None:
+        landmarks = replace(landmarks, covariance_J=landmarks.covariance_J + found[1])
+    s = campaign.sightings
+    pixel = _step_px(np.stack([s.column_px, s.row_px])) * ROUNDING
+    return replace(
+        campaign,
+        cov_attitude_E=campaign.cov_attitude_E + turn**2 * np.eye(3),
+        landmarks=landmarks,
+        sightings=replace(s, sigma_px=np.hypot(s.sigma_px, pixel)),
+    )
 
 
 def _times(
@@ -157,8 +175,7 @@ def _landmark_rounding(r_J: Array) -> tuple[str, Array] | None:
 
 def _pixels(campaign: Campaign, errors: ImageErrors, covariance_E: Array) -> Iterator[Evidence]:
     s = campaign.sightings
-    marks = np.stack([s.column_px, s.row_px])
-    step = max(decimal_step(marks), decimal_step(marks + 0.5))
+    step = _step_px(np.stack([s.column_px, s.row_px]))
     own = OwnErrors(pixel=(step * ROUNDING) ** 2)
     if step * ROUNDING < 0.1 * float(np.median(s.sigma_px)):
         return
@@ -172,3 +189,8 @@ def _pixels(campaign: Campaign, errors: ImageErrors, covariance_E: Array) -> Ite
         "give them more digits, or a sigma_px that contains their rounding",
         covariance_E=further,
     )
+
+
+def _step_px(marks: Array) -> float:
+    """Step of pixels that were counted from the centre of the first one or from its corner."""
+    return max(decimal_step(marks), decimal_step(marks + 0.5))

@@ -11,7 +11,7 @@ from ...physics.earth import C_JT, itrf_to_geodetic
 from ...physics.units import DEG
 from ...table.campaign import Campaign
 from ...table.observations import Observations
-from .evidence import Evidence, growth, listed, worst
+from .evidence import NOTICEABLE, Evidence, growth, listed, worst
 from .image_errors import ImageErrors
 
 Array = NDArray[np.float64]
@@ -72,7 +72,7 @@ def _same_place(
         f"the same place is listed under several ids: {listed(names)}; its error is then counted as several "
         f"independent ones, wrong by {worst(covariance_E, further)}",
         "give one id to one place",
-        weakens=growth(covariance_E, further) > 1.05,
+        weakens=growth(covariance_E, further) > NOTICEABLE,
         covariance_E=further,
         rows=tuple(names),
     )
