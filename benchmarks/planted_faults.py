@@ -23,7 +23,7 @@ from starplumb.physics.orientation import C_IF, EarthOrientation
 from starplumb.physics.series import Attitude, Ephemeris
 from starplumb.physics.units import ARCSEC, DEG
 from starplumb.plan import scene
-from starplumb.table.campaign import Campaign
+from starplumb.table.campaign import Campaign, SharedErrors
 from starplumb.table.geometry import observe
 from starplumb.table.simulate import Errors
 
@@ -435,7 +435,8 @@ def _one_draw(s: Scene, rng: Rng) -> Scene:
     """Images of a pass share one error of tracker and orbit, and the campaign does not say so."""
     first = np.searchsorted(s.passes, s.passes)
     e = replace(s.errors, alpha_E=s.errors.alpha_E[first], rho_J=s.errors.rho_J[first])
-    return replace(s, errors=e, truth=replace(s.truth, attitude_shared_by=None, position_shared_by=None))
+    silent = replace(s.truth, attitude_errors=SharedErrors(), position_errors=SharedErrors())
+    return replace(s, errors=e, truth=silent)
 
 
 def _added(s: Scene, alpha_E: np.ndarray) -> Scene:

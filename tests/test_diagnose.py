@@ -21,11 +21,18 @@ from problems import C_EK_TRUE, FRAME, LINE, SIGMAS, truth
 from starplumb.cli.app import app
 from starplumb.io.campaign.read import load_campaign
 from starplumb.io.campaign.write import write_campaign
+from starplumb.judge.conventions import shown
+from starplumb.judge.conventions.frames_and_times import _of_date, misread_frames_and_times
+from starplumb.judge.conventions.mistake import Written
 from starplumb.judge.diagnose import diagnose
 from starplumb.judge.diagnosis_text import sentences
+from starplumb.judge.files.digits import with_rounding
+from starplumb.judge.files.evidence import Evidence
+from starplumb.judge.trials import tried
 from starplumb.physics.camera import FrameCamera, LineScanCamera
 from starplumb.physics.errors import InputError
 from starplumb.physics.light import Corrections
+from starplumb.physics.orientation import C_IF, FRAMES_OF_DATE
 from starplumb.physics.timescales import format_iso, tt_julian
 from starplumb.physics.units import ARCSEC
 from starplumb.plan.demo import demo
@@ -419,6 +426,83 @@ def test_a_landmark_elsewhere_is_named():
     found = diagnose(replace(campaign, landmarks=replace(campaign.landmarks, r_J=r_J)))
     assert found.verdict == "named"
     assert [m.key for m in found.best.undone] == [f"landmark.{campaign.landmarks.ids[4]}"]
+
+
+# What the files show -------------------------------------------------------------------------------------------
+
+
+def decimals(places, *columns):
+    return lambda row: row | {name: f"{float(row[name]):.{places}f}" for name in columns}
+
+
+@pytest.mark.slow
+def test_places_of_too_few_digits_are_named(spoiled):
+    spoiled.rewrite("landmarks", decimals(3, "latitude_deg", "longitude_deg"))
+    found = spoiled.diagnose()
+    assert found.verdict == "named"
+    assert [m.key for m in found.best.undone] == ["digits.files"]
+    assert "whole multiples of 0.001 deg" in " ".join(sentences(found))
+
+
+@pytest.mark.slow
+def test_quaternions_of_too_few_digits_are_named():
+    campaign, _ = demo("frame", 6, 25)
+    found = diagnose(
+        campaign.with_attitude(lambda a: replace(a, q_EF=np.round(a.q_EF, 4), quaternion_step=1e-4))
+    )
+    assert found.verdict == "named"
+    assert [m.key for m in found.best.undone] == ["digits.files"]
+
+
+def test_rounding_is_stated_as_an_error_by_hand():
+    """Uniform over a step: 2 step / sqrt(12) of a quaternion's turn, 11.9 arcsec of four decimals."""
+    campaign, _ = demo("frame", 2, 25)
+    s, half = campaign.sightings, np.full(campaign.sightings.image.size, 0.5)
+    coarse = replace(
+        campaign.with_attitude(lambda a: replace(a, quaternion_step=1e-4)),
+        sightings=replace(s, column_px=np.rint(s.column_px), row_px=np.rint(s.row_px), sigma_px=half),
+    )
+    found = with_rounding(coarse)
+    added = np.diagonal(found.cov_attitude_E - campaign.cov_attitude_E, axis1=-2, axis2=-1)
+    np.testing.assert_allclose(np.sqrt(added) / ARCSEC, 2e-4 / np.sqrt(12.0) / ARCSEC, rtol=1e-6)
+    np.testing.assert_allclose(found.sightings.sigma_px, np.sqrt(0.25 + 1.0 / 12.0))
+    np.testing.assert_array_equal(found.landmarks.covariance_J, campaign.landmarks.covariance_J)
+    exact = with_rounding(campaign)
+    np.testing.assert_array_equal(exact.cov_attitude_E, campaign.cov_attitude_E)
+    np.testing.assert_array_equal(exact.sightings.sigma_px, campaign.sightings.sigma_px)
+
+
+@pytest.mark.parametrize("told", [(), ("sample",)])
+def test_a_kind_that_is_told_already_is_not_told_again(monkeypatch, told):
+    evidence = [
+        Evidence("sample", "s1", "r1"),
+        Evidence("same place", "s2", "r2", weakens=False),
+        Evidence("shared errors", "s3", "r3"),
+        Evidence("trackers", "s4", "r4", weakens=False, refuses=True),
+    ]
+    monkeypatch.setattr(shown, "findings_of_files", lambda *_: evidence)
+    campaign, _ = demo("frame", 2, 25)
+    found = [(m.key, m.evidence, m.remedy) for m in shown.shown_by_files(campaign, told)]
+    expected = [("sample.files", "s1", "r1"), ("tracker.files", "s4", "r4")]
+    assert found == expected[len(told) :]
+
+
+def test_two_steps_tell_what_fits_from_what_does_not(kind):
+    """A right change scores after two steps as after all, a wrong one far from it."""
+    campaign, _ = demo(kind, 4, 26)
+    wrong = campaign.with_attitude(lambda a: replace(a, q_EF=np.roll(a.q_EF, 1, axis=-1)))
+    mistakes = {m.key: m for m in misread_frames_and_times(wrong, Written())}
+    right, other = (mistakes[key] for key in ("attitude.order", "attitude.order+direction"))
+    rough, full = (tried(wrong, (right,), roughly=roughly) for roughly in (True, False))
+    assert rough.score == pytest.approx(full.score, abs=0.01)
+    assert tried(wrong, (other,), roughly=True).score > 1e3 * full.score
+
+
+def test_a_frame_of_date_between_whole_hours_is_that_of_its_series(rng):
+    t_ns = rng.integers(600 * 10**15, 800 * 10**15, 200)
+    for frame in FRAMES_OF_DATE:
+        apart = np.abs(_of_date(frame, t_ns) - C_IF(frame, t_ns)).max()
+        assert apart < 5e-5 * ARCSEC
 
 
 # Frames of date -----------------------------------------------------------------------------------------------

@@ -10,9 +10,11 @@ from harness import scene
 
 from problems import C_EK_TRUE, FRAME, truth
 from starplumb.estimators.default import Default
+from starplumb.estimators.fit import Fit, State, Unknowns
 from starplumb.estimators.gls import Gls
 from starplumb.estimators.protocol import Status, Verdict
 from starplumb.estimators.robust import Robust
+from starplumb.estimators.spread import further_spread
 from starplumb.physics import so3
 from starplumb.physics.units import ARCSEC
 from starplumb.table.geometry import observe
@@ -117,3 +119,11 @@ def test_a_batch_is_its_runs(rng):
     for i in range(3):
         alone = Default()(replace(table, xy_K=xy).run((i,)), C_EK_TRUE)
         np.testing.assert_array_equal(found.C_EK[i], alone.C_EK)
+
+
+def test_no_spread_is_told_from_images_of_which_none_is_right(rng):
+    """One sighting is left of one image, which fixes no rotation: there is nothing to compare the others with."""
+    table = measured(observe(truth(FRAME, 3, 5)), rng)
+    used = replace(table, weight=np.where(np.arange(table.n) == 0, 1.0, 0.0))
+    fit = Fit(Unknowns(), used, State(C_EK_TRUE, np.zeros(0)), C_EK_TRUE)
+    assert further_spread(fit, np.ones(table.n, dtype=bool)) is None

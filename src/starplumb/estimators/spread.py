@@ -65,6 +65,8 @@ def further_spread(fit: Fit, seen: Mask) -> Array | None:
     if not np.any(out):
         return None
     turns = _turns(fit, (o.weight > 0.0) | (seen & out[o.image]), used > 0)
+    if turns is None:
+        return None
     order = np.flatnonzero(out[turns.image])
     order = order[np.argsort(-np.sum(turns.y[order] ** 2 / (turns.q + turns.a)[order], axis=-1))]
     shapes = _shapes(o, turns.image)
@@ -81,8 +83,9 @@ def further_spread(fit: Fit, seen: Mask) -> Array | None:
     return extra_E
 
 
-def _turns(fit: Fit, rows: Mask, right: Mask) -> Turns:
-    """Rotations of the images by the sightings chosen; ``right`` (m,) images tell what is usual."""
+def _turns(fit: Fit, rows: Mask, right: Mask) -> Turns | None:
+    """Rotations of the images by the sightings chosen; ``right`` (m,) images tell what is usual, None where none of
+    them fixes a rotation."""
     m, x = fit.table.n_images, fit.step()
     N, b, toward, squares = np.zeros((m, 3, 3)), np.zeros((m, 3, 1)), np.zeros((m, 3, 3)), np.zeros(m)
     for part, (o, model, A) in fit.parts():
@@ -97,6 +100,8 @@ def _turns(fit: Fit, rows: Mask, right: Mask) -> Turns:
         np.add.at(squares, image, (z.mT @ W @ z)[:, 0, 0])
     count = np.bincount(fit.table.image[rows], minlength=m)
     image = np.flatnonzero((count > 1) & (np.linalg.cond(N) < 1e10))
+    if not np.any(right[image]):
+        return None
     Q, o = np.linalg.inv(N[image]), fit.table
     d_E, gain = -(Q @ b[image])[..., 0], Q @ toward[image]
     # sightings that contradict each other say less
