@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import starplumb as sp
 from helpers import CAMPAIGN, FILES, write_good_campaign
 from starplumb.io.campaign.read import LoadedCampaign, load_campaign
 from starplumb.io.tables.declared import Times
@@ -255,3 +256,193 @@ def test_what_is_wrong_is_said_in_the_tables_own_words(tmp_path, file, old, new,
         load_campaign(path)
     assert says in str(refused.value)
     assert "\n" not in str(refused.value)
+
+
+# Times in ids, binned and cut images ---------------------------------------------------------------------------
+
+
+def named(folder: Path, pattern: str, ids: tuple[str, str], with_table: bool) -> Path:
+    """The good campaign whose images carry their times in their ids."""
+    renamed = dict(zip(("I1", "I2"), ids, strict=True))
+    observations, table = FILES["observations.csv"], "image_id\n" + "\n".join(ids)
+    for old, new in renamed.items():
+        observations = observations.replace(f"{old},", f"{new},")
+    file = 'file = "images.csv"\n' if with_table else ""
+    toml = CAMPAIGN.replace('file = "images.csv"\n', f'{file}time_from_id = "{pattern}"\n')
+    return write_good_campaign(folder, campaign=toml, images=table, observations=observations)
+
+
+IDS = ("SAT1_20200101T000001.500Z_L1A", "SAT1_20200101T000002.500Z_L1A")
+
+
+@pytest.mark.parametrize("with_table", [False, True])
+def test_times_are_read_out_of_ids(tmp_path, with_table):
+    plain = load_campaign(write_good_campaign(tmp_path / "plain")).campaign
+    found = load_campaign(named(tmp_path / "own", "SAT1_%Y%m%dT%H%M%S.%fZ_L1A", IDS, with_table)).campaign
+    assert found.images.ids == IDS
+    np.testing.assert_array_equal(found.images.t_ns, plain.images.t_ns)
+    np.testing.assert_array_equal(found.sightings.image, plain.sightings.image)
+
+
+@pytest.mark.parametrize(
+    ("pattern", "ids", "says"),
+    [
+        (
+            "SAT1_%H%M%S",
+            IDS,
+            'images.time_from_id: found "SAT1_%H%M%S", wanted a pattern with a whole date and time',
+        ),
+        ("%Y%m%dT%H%M%S%z", IDS, "images.time_from_id: found"),
+        ("S_%Y%m%dT%H%M%S.%f", (IDS[0], "I2"), 'observations.csv, row 2, column image_id: found "SAT1_2020'),
+        (
+            "SAT1_%Y%m%dT%H%M%S.%fZ_L1A",
+            (IDS[0], "I2"),
+            'observations.csv, row 5, column image_id: found "I2"',
+        ),
+    ],
+)
+def test_ids_that_do_not_fit_are_named(tmp_path, pattern, ids, says):
+    with pytest.raises(InputError) as refused:
+        load_campaign(named(tmp_path, pattern, ids, False))
+    assert says in str(refused.value)
+
+
+CAMERA = CAMPAIGN[CAMPAIGN.index("[camera]") : CAMPAIGN.index("[mounting]")]
+
+
+def camera_of(folder: Path, *lines: str, origin: str = "center"):
+    toml = CAMPAIGN.replace("[mounting]", "\n".join([f'pixel_origin = "{origin}"', *lines, "", "[mounting]"]))
+    marks = "image_id,landmark_id,column_px,row_px,sigma_px\nI1,L1,10,20,0.2\nI2,L2,10,20,0.2\n"
+    return load_campaign(write_good_campaign(folder, campaign=toml, observations=marks)).campaign
+
+
+@pytest.mark.parametrize("origin", ["center", "corner"])
+def test_a_binned_and_cut_image_looks_where_its_full_pixels_look(tmp_path, origin):
+    """Binned pixel (c, r) of the window is the middle of the full pixels 3 (c + 100) .. 3 (c + 100) + 2."""
+    full = camera_of(tmp_path / "full", origin=origin).camera
+    cut = camera_of(
+        tmp_path / "cut", "binning = [3, 3]", "window_px = [100, 50, 700, 600]", origin=origin
+    ).camera
+    assert cut.size_px == (700.0, 600.0)
+    ours, slope = cut.tan_from_px(10.0, 20.0)
+    theirs, fine = full.tan_from_px(3 * 110.0 + 1, 3 * 70.0 + 1)
+    np.testing.assert_allclose(ours, theirs, atol=1e-15)
+    np.testing.assert_allclose(slope, 3 * fine, rtol=1e-14)
+    binned = camera_of(tmp_path / "binned", "binning = [5, 5]", origin=origin).camera
+    assert binned.size_px == (2400.0, 2400.0)
+
+
+def test_look_angles_of_the_full_line_are_binned_and_cut(tmp_path):
+    angles = "column_px,tan_x,tan_y\n0,-0.02,0.001\n5999,0.0,0.001\n11999,0.02,0.001\n"
+    optics = CAMERA[CAMERA.index("focal") :].strip() + "\n"
+    toml = CAMPAIGN.replace('model = "frame"', 'model = "line-scan"')
+    images = FILES["images.csv"].replace("time\n", "time,line_period_s\n").replace("00\n", "00,0.0001\n")
+    cameras = []
+    for name, keys in (("full", ""), ("cut", "binning = [2, 1]\nwindow_px = [1000, 0, 3000, 1]\n")):
+        text = toml.replace(optics, f'image_size_px = [12000, 1]\nlook_angles = "detectors.csv"\n{keys}')
+        path = write_good_campaign(
+            tmp_path / name,
+            campaign=text,
+            images=images,
+            observations=FILES["observations.csv"].replace("8000.", "800.").replace("3598.2", "359.2"),
+        )
+        (tmp_path / name / "detectors.csv").write_text(angles)
+        cameras.append(load_campaign(path).campaign.camera)
+    full, cut = cameras
+    assert cut.size_px[0] == 3000.0
+    np.testing.assert_allclose(
+        cut.tan_from_px(7.0, 0.0)[0], full.tan_from_px(2 * 1007 + 0.5, 0.0)[0], atol=1e-15
+    )
+
+
+@pytest.mark.parametrize(
+    ("line", "says"),
+    [
+        ("binning = [2, 1]", "camera.binning: found [2, 1], wanted two equal numbers"),
+        ("binning = 2", "camera.binning: found 2, wanted two positive whole numbers"),
+        (
+            "window_px = [0, 0, 12001, 10]",
+            "camera.window_px: found [0, 0, 12001, 10], which ends beyond the sensor",
+        ),
+        ("window_px = [0, 0, 10]", "camera.window_px: found [0, 0, 10], wanted four whole numbers"),
+        ("binning = [2, 2]\nwindow_px = [0, 0, 6001, 10]", "wanted it within 6000 x 6000 binned pixels"),
+    ],
+)
+def test_what_cannot_be_read_out_is_refused(tmp_path, line, says):
+    with pytest.raises(InputError) as refused:
+        camera_of(tmp_path, line)
+    assert says in str(refused.value)
+
+
+TELEMETRY = """
+[campaign]
+name = "SAT1"
+time_scale = "UTC"
+
+[camera]
+model = "frame"
+focal_length_mm = 580.0
+pixel_pitch_um = 5.5
+image_size_px = [4096, 3072]
+principal_point_px = [2061.25, 1527.5]
+pixel_origin = "corner"
+binning = [2, 2]
+window_px = [224, 168, 1600, 1200]
+
+[mounting]
+from = "camera"
+to = "body"
+matrix = [[0, -1, 0], [1, 0, 0], [0, 0, 1]]
+
+[ephemeris]
+file = "gps_eci.csv"
+columns = { x_m = "X_km", y_m = "Y_km", z_m = "Z_km", vx_m_s = "VX_kmps", vy_m_s = "VY_kmps", vz_m_s = "VZ_kmps" }
+units = { position = "km", velocity = "km/s" }
+time = { column = "unix_time", format = "unix" }
+frame = "J2000"
+sigma_m = 5.0
+shared_by = "image"
+
+[attitude]
+file = "adcs_tlm.csv"
+columns = { qw = "q_s", qx = "q_x", qy = "q_y", qz = "q_z" }
+time = { column = "unix_time", format = "unix" }
+keep = { mode = "FINE" }
+from = "body"
+to = "J2000"
+sigma_arcsec = [6.0, 6.0, 40.0]
+sigma_frame = "str_1"
+shared_by = "image"
+
+[frames]
+str_1 = { from = "body", quaternion_xyzw = [0.2295752968, 0.8567866720, 0.1195093352, 0.4460149108] }
+
+[landmarks]
+file = "landmarks.csv"
+
+[images]
+time_from_id = "SAT1_%Y%m%dT%H%M%S.%fZ_L1A"
+
+[observations]
+file = "observations.csv"
+"""
+
+
+@pytest.mark.slow
+def test_a_small_satellites_telemetry_calibrates_as_it_comes(shared_cases, tmp_path):
+    """Sigma and truth are the case's own; its ground points become rows, pixels counted from the corner downwards."""
+    folder = shared_cases / "telemetry"
+    for name in ("adcs_tlm.csv", "gps_eci.csv", "landmarks.csv"):
+        (tmp_path / name).write_bytes((folder / name).read_bytes())
+    rows = ["image_id,landmark_id,column_px,row_px,sigma_px"]
+    for path in sorted(folder.glob("*.points")):
+        for line, text in enumerate(path.read_text().splitlines()[2:], 3):
+            _, _, x, y, *_ = text.split(",")
+            rows.append(f"{path.stem},{path.stem}-{line},{x},{-float(y)},0.3")
+    (tmp_path / "observations.csv").write_text("\n".join(rows))
+    (tmp_path / "campaign.toml").write_text(TELEMETRY)
+    result = sp.calibrate(sp.read_campaign(tmp_path / "campaign.toml"), method="gls")
+    sigma = result.sigma_arcsec
+    assert result.usable
+    np.testing.assert_allclose(sigma, [11.7, 7.1, 18.1], rtol=0.02)
+    assert np.all(np.abs(result.correction_arcsec - [-1450.0, 920.0, 2600.0]) < 3.0 * sigma)

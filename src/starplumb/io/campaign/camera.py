@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from ...physics.camera import Camera, Distortion, FrameCamera, LineScanCamera
@@ -27,15 +29,29 @@ def read_camera(config: CameraConfig, look_angles: TableSource | None, notices: 
     if focal_length is None or pitch is None or size is None or point is None:
         raise ValueError("the camera lacks its optics")
     center = (point[0] - shift, point[1] - shift)
+    factor = config.binning[0]
     distortion = Distortion(config.distortion.k, config.distortion.p) if config.distortion else Distortion()
     if config.model == "frame":
-        return FrameCamera(
-            MM * focal_length, UM * pitch, center, (float(size[0]), float(size[1])), distortion
-        )
+        read = (_read_out(config, center[i], i) for i in range(2))
+        columns, rows = _size(config, size)
+        return FrameCamera(MM * focal_length, UM * pitch * factor, tuple(read), (columns, rows), distortion)
     # the row of a line scanner's principal point is an offset from the line, which has no origin to shift
-    return LineScanCamera.from_optics(
-        MM * focal_length, UM * pitch, (center[0], point[1]), size[0], distortion
-    )
+    principal = (_read_out(config, center[0], 0), point[1] / factor)
+    columns = int(_size(config, size)[0])
+    return LineScanCamera.from_optics(MM * focal_length, UM * pitch * factor, principal, columns, distortion)
+
+
+def _read_out(config: CameraConfig, full_px: Any, axis: int) -> Any:
+    """Where places of the full sensor, columns or rows, are in the image: ``(u + 1/2) / binning - 1/2 - first``."""
+    first = 0 if config.window_px is None else config.window_px[axis]
+    return (full_px + 0.5) / config.binning[axis] - 0.5 - first
+
+
+def _size(config: CameraConfig, full_px: tuple[int, int]) -> tuple[float, float]:
+    """Columns and rows of the image."""
+    if config.window_px is not None:
+        return float(config.window_px[2]), float(config.window_px[3])
+    return float(full_px[0] // config.binning[0]), float(full_px[1] // config.binning[1])
 
 
 def _tabulated_camera(config: CameraConfig, source: TableSource, notices: list[str]) -> LineScanCamera:
@@ -48,8 +64,9 @@ def _tabulated_camera(config: CameraConfig, source: TableSource, notices: list[s
     table.require(rises, "column_px", "columns that increase")
     one_way = np.concatenate([[True], np.diff(tan_x) * (tan_x[-1] - tan_x[0]) > 0.0])
     table.require(one_way, "tan_x", "tangents that only rise or only fall along the line")
-    column = column - pixel_shift(config)
-    columns = config.image_size_px[0] if config.image_size_px else int(np.floor(column[-1])) + 1
+    last = int(np.floor(column[-1] - pixel_shift(config))) + 1
+    columns = int(_size(config, config.image_size_px or (last, 1))[0])
+    column = _read_out(config, column - pixel_shift(config), 0)
     if column[0] > 0.5 or column[-1] < columns - 1.5:
         found = f"found look directions for the columns {column[0]:g} to {column[-1]:g}"
         raise InputError(f"{source}, column column_px: {found}, wanted them for 0 to {columns - 1}")

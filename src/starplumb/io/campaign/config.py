@@ -5,14 +5,17 @@ Values stay in the units their keys name; :mod:`starplumb.io.campaign.read` brin
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
+from datetime import datetime
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field
 
 from ..tables.keys import TableKeys, TimedKeys, UnitsConfig
 from ..tables.read import TABLE_SUFFIXES
-from ..text.sections import Section
+from ..text.files import show
+from ..text.sections import Section, wrong
 from ..text.values import (
     Frame,
     InMemory,
@@ -23,6 +26,7 @@ from ..text.values import (
     Text,
     Triple,
     WholePair,
+    Window,
     choice,
     file_name,
 )
@@ -65,8 +69,33 @@ class Distortion(Section):
 _OPTICS = ("focal_length_mm", "pixel_pitch_um", "image_size_px", "principal_point_px")
 
 
+def _readout_rules(given: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """A frame camera's pixels stay square, and its window lies on the sensor."""
+    if given.get("model") != "frame":
+        return
+    size, window = _whole(given.get("image_size_px"), 2), _whole(given.get("window_px"), 4)
+    binning = _whole(given.get("binning", [1, 1]), 2)
+    if binning and binning[0] != binning[1]:
+        yield (
+            "binning",
+            f"found {show(binning)}, wanted two equal numbers: a pixel of a frame camera is square",
+        )
+    elif size and binning and window:
+        most = [size[0] // binning[0], size[1] // binning[1]]
+        if window[0] + window[2] > most[0] or window[1] + window[3] > most[1]:
+            found = f"found {show(window)}, which ends beyond the sensor"
+            yield "window_px", f"{found}, wanted it within {most[0]} x {most[1]} binned pixels"
+
+
+def _whole(value: object, n: int) -> list[int] | None:
+    """``n`` whole numbers, those of a pair positive; None for anything else, which is refused elsewhere."""
+    least = 1 if n == 2 else 0
+    good = isinstance(value, list) and len(value) == n and all(type(x) is int and x >= least for x in value)
+    return value if good and isinstance(value, list) else None
+
+
 class CameraConfig(Section):
-    """[camera]: optics, or a line scanner's table of look directions."""
+    """[camera]: optics, or a line scanner's table of look directions, of the full sensor, and what is read of it."""
 
     model: Annotated[Literal["frame", "line-scan"], choice("frame", "line-scan")] = Field(
         description='"frame" or "line-scan"'
@@ -88,9 +117,18 @@ class CameraConfig(Section):
     )
     distortion: Distortion | None = Field(default=None, description="a section with model, k and p")
     look_angles: Text | None = Field(default=None, description="the name of a CSV table")
+    binning: WholePair = Field(
+        default=(1, 1),
+        description="two positive whole numbers, columns and rows joined in a pixel of the image",
+    )
+    window_px: Window | None = Field(
+        default=None,
+        description="first column, first row, columns and rows of the image, counted in binned pixels",
+    )
 
     @classmethod
     def rules(cls, given: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+        yield from _readout_rules(given)
         if "look_angles" in given and given.get("model") == "frame":
             yield "look_angles", 'found a table of look directions, wanted it for model = "line-scan" only'
             return
@@ -185,12 +223,37 @@ class TableConfig(TableKeys):
     )
 
 
-class ImagesConfig(TimedKeys):
-    """[images]"""
+def _dated(value: object) -> object:
+    """A pattern of ``datetime.strptime`` from which a whole date and time come back."""
+    moment = datetime(2001, 11, 23, 14, 25, 36)
+    try:
+        good = isinstance(value, str) and datetime.strptime(moment.strftime(value), value) == moment
+    except (ValueError, TypeError, re.error):
+        good = False
+    if not good:
+        raise wrong(
+            value, 'a pattern with a whole date and time such as "SAT1_%Y%m%dT%H%M%S.%fZ_L1A", no zone'
+        )
+    return value
 
-    file: Annotated[str, BeforeValidator(file_name(*SUFFIXES["table"]))] = Field(
-        description="the name of a table (CSV, Parquet or Arrow)"
+
+class ImagesConfig(TimedKeys):
+    """[images]: a table, or the images of the observations with their times in their ids."""
+
+    file: Annotated[str, BeforeValidator(file_name(*SUFFIXES["table"]))] | None = Field(
+        default=None, description="the name of a table (CSV, Parquet or Arrow)"
     )
+    time_from_id: Annotated[str, BeforeValidator(_dated)] | None = Field(
+        default=None, description='how an image_id has its time, such as "SAT1_%Y%m%dT%H%M%S.%fZ_L1A"'
+    )
+
+    @classmethod
+    def rules(cls, given: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+        yield from super().rules(given)
+        if "file" not in given and "time_from_id" not in given:
+            yield "file", f"missing, wanted {cls.model_fields['file'].description} (or time_from_id)"
+        if "time" in given and "time_from_id" in given:
+            yield "time", "found beside time_from_id, wanted only one of the two"
 
 
 class CorrectionsConfig(Section):
@@ -272,3 +335,11 @@ class CampaignConfig(Section):
             yield "observations", "missing, wanted the section [observations] or [detections] with file"
         yield from frame_rules(given)
         yield from attitude_rules(given)
+        model = _section(given, "camera").get("model")
+        if model == "line-scan" and "images" in given and "file" not in _section(given, "images"):
+            yield "images.file", "missing, wanted a table with line_period_s for a line scanner"
+
+
+def _section(given: Mapping[str, Any], key: str) -> Mapping[str, Any]:
+    value = given.get(key)
+    return value if isinstance(value, dict) else {}

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from datetime import datetime
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ...physics import timescales
 from ...physics.earth import C_JT, geodetic_to_itrf, itrf_to_geodetic
-from ...physics.errors import InputError
+from ...physics.errors import EpochError, InputError
 from ...physics.units import DEG
 from ...table.campaign import Detections, Images, Landmarks, Sightings
 from ..gis.heights import Ground
@@ -137,12 +139,20 @@ def require_radius(table: Table, r: Array, limits: tuple[float, float], what: st
 
 
 def read_images(
-    source: TableSource, scale: str, scans: bool, notices: list[str], declared: Declared = UNDECLARED
+    source: TableSource,
+    scale: str,
+    scans: bool,
+    notices: list[str],
+    declared: Declared = UNDECLARED,
+    time_from_id: str | None = None,
 ) -> Images:
-    """Images with their epochs; the line period, which a line scanner needs and a frame camera has not."""
+    """Images with their epochs; the line period, which a line scanner needs and a frame camera has not.
+
+    The epochs are those of the column ``time``, or stand in the ids as ``time_from_id`` says.
+    """
     table = read_table(
         source,
-        texts=("image_id", "time"),
+        texts=("image_id",) if time_from_id else ("image_id", "time"),
         optional_texts=("tracker", "pass", "session"),
         optional_numbers=("line_period_s", "sigma_time_s"),
         declared=declared,
@@ -164,7 +174,7 @@ def read_images(
     names = {name: tuple(texts) for name, texts in table.texts.items()}
     return Images(
         names["image_id"],
-        epochs(table, scale),
+        _times_in_ids(table, time_from_id, scale) if time_from_id else epochs(table, scale),
         period,
         str(source),
         names.get("tracker"),
@@ -172,6 +182,33 @@ def read_images(
         names.get("session"),
         sigma_time_s,
     )
+
+
+def images_of(source: TableSource, scale: str, time_from_id: str, declared: Declared) -> Images:
+    """The images of a table of observations or detections, in its order, with the times in their ids."""
+    only = {ours: name for ours, name in declared.columns.items() if ours == "image_id"}
+    table = read_table(source, texts=("image_id",), declared=replace(declared, columns=only))
+    first = {name: row for row, name in reversed(list(enumerate(table.texts["image_id"])))}
+    rows = sorted(first.values())
+    ids = tuple(table.texts["image_id"][row] for row in rows)
+    seen = replace(table, texts={"image_id": ids}, row_number=lambda i: table.row_number(rows[i]))
+    return Images(ids, _times_in_ids(seen, time_from_id, scale), name=str(source))
+
+
+def _times_in_ids(table: Table, pattern: str, scale: str) -> NDArray[np.int64]:
+    """``t_ns`` (n,) of ids by a pattern of ``datetime.strptime``; InputError about the first that does not fit."""
+    ids, written = table.texts["image_id"], []
+    for row, name in enumerate(ids):
+        try:
+            time = datetime.strptime(name, pattern)
+        except ValueError:
+            wanted = f"an id like {show(pattern)}, as images.time_from_id says"
+            raise table.error(row, "image_id", name, wanted) from None
+        written.append(time.isoformat(timespec="microseconds"))
+    try:
+        return np.asarray(timescales.parse(written, scale))
+    except EpochError as error:
+        raise table.error(error.row, "image_id", ids[error.row], f"a time in it ({error})") from None
 
 
 def read_observations(

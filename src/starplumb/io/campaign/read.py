@@ -14,7 +14,7 @@ from ...physics.errors import InputError
 from ...physics.light import Corrections
 from ...physics.orientation import EarthOrientation
 from ...physics.units import ARCSEC
-from ...table.campaign import Campaign, Detections, Sightings
+from ...table.campaign import Campaign, Detections, Images, Sightings
 from ..gis.heights import Ground
 from ..tables.cells import Array
 from ..tables.read import Frame, TableSource
@@ -113,9 +113,9 @@ def _named(config: CampaignConfig) -> dict[str, str]:
     named = {
         "ephemeris.file": config.ephemeris.file,
         "landmarks.file": config.landmarks.file,
-        "images.file": config.images.file,
     }
     optional = {
+        "images.file": config.images.file,
         "camera.look_angles": config.camera.look_angles,
         "landmarks.dem": config.landmarks.dem,
         "landmarks.geoid": config.landmarks.geoid,
@@ -168,9 +168,7 @@ def _assemble(
 ) -> tuple[Campaign, Detections | None]:
     scale = config.campaign.time_scale
     camera = read_camera(config.camera, files.get("camera.look_angles"), notices)
-    images = markers.read_images(
-        files["images.file"], scale, camera.scans, notices, config.images.declared("images")
-    )
+    images = _images(config, files, camera.scans, notices)
     landmarks = markers.read_landmarks(
         files["landmarks.file"],
         notices,
@@ -221,6 +219,25 @@ def _assemble(
         position_errors=position_sharing(config.ephemeris),
     )
     return campaign, detections
+
+
+def _images(
+    config: CampaignConfig, files: Mapping[str, TableSource], scans: bool, notices: list[str]
+) -> Images:
+    """The images of their table, or where there is none those of the observations or detections."""
+    scale, pattern, declared = (
+        config.campaign.time_scale,
+        config.images.time_from_id,
+        config.images.declared("images"),
+    )
+    if "images.file" in files:
+        return markers.read_images(files["images.file"], scale, scans, notices, declared, pattern)
+    key, marks = (
+        ("observations", config.observations) if config.observations else ("detections", config.detections)
+    )
+    if marks is None or pattern is None:
+        raise ValueError("the rules want a table of images, or their times in their ids")
+    return markers.images_of(files[f"{key}.file"], scale, pattern, marks.declared(key))
 
 
 def _ground(config: LandmarksConfig, files: Mapping[str, TableSource]) -> Ground:

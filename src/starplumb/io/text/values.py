@@ -182,6 +182,14 @@ def _whole_pair(value: object) -> tuple[int, ...]:
     return whole
 
 
+def _window(value: object) -> tuple[int, ...]:
+    items = value if isinstance(value, list | tuple) else ()
+    whole = tuple(n for n in items if isinstance(n, int) and not isinstance(n, bool) and 0 <= n <= 10_000_000)
+    if len(items) != 4 or len(whole) != 4 or min(whole[2:]) < 1:
+        raise wrong(value, "four whole numbers: first column, first row, columns, rows")
+    return whole
+
+
 Text = Annotated[str, BeforeValidator(printable)]
 Positive = Annotated[float, BeforeValidator(number("a positive finite number", _positive))]
 Quaternion = Annotated[tuple[float, float, float, float], BeforeValidator(_unit_quaternion)]
@@ -189,6 +197,7 @@ Matrix = Annotated[tuple[tuple[float, float, float], ...], BeforeValidator(_rota
 Covariance = Annotated[tuple[tuple[float, float, float], ...], BeforeValidator(_covariance_matrix)]
 Triple = Annotated[tuple[float, float, float], BeforeValidator(vector(3, "three finite numbers"))]
 Pair = Annotated[tuple[float, float], BeforeValidator(vector(2, "two finite numbers"))]
+Window = Annotated[tuple[int, int, int, int], BeforeValidator(_window)]
 WholePair = Annotated[tuple[int, int], BeforeValidator(_whole_pair)]
 Sigma = Annotated[
     tuple[float, float, float],
