@@ -208,6 +208,14 @@ def test_what_is_said_of_a_source(kind, stated, ratio, p, told):
         assert found[0].sentence.startswith(told[1])
 
 
+@pytest.mark.parametrize(("ratio", "refutes"), [(12.4, False), (12.6, True)])
+def test_images_that_surely_scatter_ten_times_as_stated_refute(ratio, refutes):
+    """The lower end of the interval decides, here 0.8 times the ratio."""
+    (found,) = findings_of_sources(FromData(20, None, None, (source("across", 5.0, ratio, 1e-9),)), 20)
+    assert (found.weakens, found.refutes) == (True, refutes)
+    assert ("starplumb diagnose" in found.sentence) is refutes
+
+
 @pytest.mark.parametrize("images", [5, 6])
 def test_few_images_confirm_nothing_and_that_is_said(images):
     found = findings_of_sources(FromData(images, None, None, ()), images)

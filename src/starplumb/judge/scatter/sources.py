@@ -9,6 +9,9 @@ from .from_data import SIGHTINGS, FromData, SourceFound
 TOO_SMALL_P, TOO_LARGE_P = 1e-3, 1e-4
 """Probability, over the number of sources, below which a source is said to be larger or smaller than stated: larger
 harms the answer, smaller is a hint."""
+BEYOND = 10.0
+"""Ratio to what is stated from which on, surely, an error is no larger variance but something wrong: residuals of whole
+images are held to the limit that holds for those of sightings."""
 FEW_IMAGES = 5
 """Images up to which their scatter confirms nothing: with five a sigma stated half is missed more often than found."""
 
@@ -48,10 +51,15 @@ def _too_small(source: SourceFound) -> Finding | None:
     if source.kind == SIGHTINGS:
         exact = source.ratio is not None and source.ratio <= EXACT
         return Finding(f"{_ratio(source)} (p = {source.p:.1e}); the interval is widened by it", not exact)
+    refutes = source.interval is not None and source.interval[0] > BEYOND
+    meaning = (
+        "this is no matter of a sigma, and the answer cannot be believed: run starplumb diagnose"
+        if refutes
+        else "it is worse than stated, its times are wrong, or the mounting moves; the interval is that of their "
+        "scatter"
+    )
     return Finding(
-        f"the images disagree: {_ratio(source)} (p = {source.p:.1e}): it is worse than stated, its times are wrong, or "
-        "the mounting moves; the interval is that of their scatter",
-        True,
+        f"the images disagree: {_ratio(source)} (p = {source.p:.1e}): {meaning}", True, refutes=refutes
     )
 
 
