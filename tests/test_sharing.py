@@ -17,6 +17,7 @@ from starplumb.judge.calibrate import calibrate, shares
 from starplumb.physics import so3
 from starplumb.physics.earth import C_JT, itrf_to_geodetic
 from starplumb.physics.errors import InputError
+from starplumb.physics.trackers import FusedAttitude, TrackerSeries
 from starplumb.physics.units import ARCSEC
 from starplumb.plan import scene
 from starplumb.table.campaign import SharedErrors
@@ -320,3 +321,13 @@ def test_the_budget_adds_up_with_what_is_shared(shared, rng):
     total = np.sum(list(parts.values()), axis=0)
     np.testing.assert_allclose(total, done.covariance_E, rtol=1e-6, atol=1e-9 * np.trace(done.covariance_E))
     assert "errors in common" not in parts
+
+
+def test_a_session_s_error_of_two_trackers_is_fused_like_the_attitude():
+    """Two trackers of equal weight: half of each error, their squares added."""
+    campaign = truth(FRAME, 2, 4)
+    series = campaign.one_attitude
+    fused = FusedAttitude(tuple(TrackerSeries(name, series, np.eye(3), SIGMA) for name in "ab"), "mean")
+    roots = np.stack([np.diag([2.0, 2.0, 4.0]), np.diag([0.0, 6.0, 3.0])])
+    found = fused.root_E(campaign.images.t_ns, roots)
+    np.testing.assert_allclose(found, np.tile(np.diag([1.0, np.sqrt(10.0), 2.5]), (2, 1, 1)))

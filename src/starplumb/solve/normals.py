@@ -40,33 +40,61 @@ class ImageNormals:
 
 def image_normals(problem: Problem, shared: Index) -> Iterator[ImageNormals]:
     """Of every image with a sighting in the solution, the landmarks ``shared`` (q,) among the unknowns."""
-    place = np.zeros(problem.table.n_landmarks, dtype=np.bool_)
-    place[shared] = True
+    among = np.zeros(problem.table.n_landmarks, dtype=np.bool_)
+    among[shared] = True
     for _, linear in problem.parts():
-        o = linear[0]
-        rows = np.flatnonzero(o.weight > 0.0)
-        rows = rows[np.argsort(o.image[rows], kind="stable")]
-        starts = np.flatnonzero(np.diff(o.image[rows], prepend=-1))
-        for own in np.split(rows, starts[1:]) if rows.size else ():
-            yield _of_image(linear, own, place)
+        yield from _of_part(linear, among)
 
 
-def _of_image(linear: Linear, rows: Index, shared: NDArray[np.bool_]) -> ImageNormals:
+def _of_part(linear: Linear, among: NDArray[np.bool_]) -> Iterator[ImageNormals]:
+    o = linear[0]
+    rows = np.flatnonzero(o.weight > 0.0)
+    rows = rows[np.argsort(o.image[rows], kind="stable")]
+    starts = np.flatnonzero(np.diff(o.image[rows], prepend=-1))
+    if rows.size == 0:
+        return
+    X, D = _whitened(linear, rows, ~among[o.landmark[rows]])
+    squares, ends = np.add.reduceat(X.mT @ X, starts), np.append(starts[1:], rows.size)
+    for start, end, own in zip(starts.tolist(), ends.tolist(), squares, strict=True):
+        seen = start + np.flatnonzero(among[o.landmark[rows[start:end]]])
+        seen = seen[np.argsort(o.landmark[rows[seen]])]
+        N = own if seen.size == 0 else _with_places(own, X[seen], D[seen])
+        G = N[-6:]
+        N = N[:-6, :-6] - G[:, :-6].T @ np.linalg.solve(np.eye(6) + G[:, -6:], G[:, :-6])
+        # the places of landmarks stand between the other unknowns and the residuals
+        yield ImageNormals(
+            int(o.image[rows[start]]),
+            o.landmark[rows[seen]],
+            N[:-1, :-1],
+            N[:-1, -1],
+            float(N[-1, -1]),
+            2 * (end - start),
+        )
+
+
+def _whitened(linear: Linear, rows: Index, once: NDArray[np.bool_]) -> tuple[Array, Array]:
+    """Rows of the design of the common unknowns, the residuals and the image's unit errors (n, 2, k + 7), and those of
+    the landmarks (n, 2, 3), in units of what a sighting has for itself; a landmark seen ``once`` (n,) is part of it."""
     o, model, A = linear
-    image, landmark, R = int(o.image[rows[0]]), o.landmark[rows], model.R[rows]
+    image, R = o.image[rows], model.R[rows]
     noise = (o.sigma_px[rows] ** 2)[:, None, None] * np.eye(2)
-    once = ~shared[landmark]
-    noise[once] += R[once] @ o.cov_landmark_J[landmark[once]] @ R[once].mT
-    named, column = np.unique(landmark[~once], return_inverse=True)
-    places = np.zeros((rows.size, 2, named.size, 3))
-    places[np.flatnonzero(~once), :, column] = R[~once]
-    own = [-model.H[rows] @ square_root(o.cov_attitude_E[image]), R @ square_root(o.cov_position_J[image])]
-    parts = [A[rows], places.reshape(rows.size, 2, -1), model.z_px[rows][..., None], *own]
-    # L^-1 of the noise whitens every row
-    X = np.linalg.solve(np.linalg.cholesky(noise), np.concatenate(parts, axis=-1)).reshape(2 * rows.size, -1)
-    X, G = X[:, :-6], X[:, -6:]
-    GX = G.T @ X
-    squares = X.T @ X - GX.T @ np.linalg.solve(np.eye(6) + G.T @ G, GX)
-    return ImageNormals(
-        image, named, squares[:-1, :-1], squares[:-1, -1], float(squares[-1, -1]), 2 * rows.size
-    )
+    noise[once] += R[once] @ o.cov_landmark_J[o.landmark[rows[once]]] @ R[once].mT
+    inverse_root = np.linalg.inv(np.linalg.cholesky(noise))
+    attitude = -model.H[rows] @ square_root(o.cov_attitude_E)[image]
+    position = R @ square_root(o.cov_position_J)[image]
+    parts = [A[rows], model.z_px[rows][..., None], attitude, position]
+    return inverse_root @ np.concatenate(parts, axis=-1), inverse_root @ R
+
+
+def _with_places(squares: Array, X: Array, D: Array) -> Array:
+    """Normal equations of an image with three unknowns of each of the landmarks seen in rows (q, 2, ...), before the
+    residuals."""
+    q, k = len(D), squares.shape[0] - 7
+    N = np.zeros((k + 3 * q + 7, k + 3 * q + 7))
+    others = np.concatenate([np.arange(k), np.arange(k + 3 * q, len(N))])
+    N[np.ix_(others, others)] = squares
+    own = k + np.arange(3 * q).reshape(q, 3)
+    N[np.ix_(own.reshape(-1), others)] = (D.mT @ X).reshape(3 * q, -1)
+    N[own[:, :, None], own[:, None, :]] = D.mT @ D
+    N[:, k : k + 3 * q] = N[k : k + 3 * q].T
+    return N
