@@ -40,7 +40,7 @@ ANCHORS = 200
 
 @dataclass(frozen=True)
 class Directions:
-    """Sightings as pairs of unit vectors: ``e_E``, ``e_K`` (n, 3) with what may lie between them, rad.
+    """Sightings as pairs of unit vectors ``e_E``, ``e_K`` (n, 3), with the sigmas of the angle between them, rad.
 
     ``own`` (n,) is the sigma of what a sighting shares with no other of its image, ``shared`` (n,) that of what it
     does; each is the largest over the directions in the image.

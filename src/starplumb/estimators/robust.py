@@ -162,7 +162,7 @@ class _Search:
         return State(so3.exp(answer.d_E) @ state.C_EK, state.values), kept
 
     def _uncertainty(self, found: Consensus) -> Array:
-        """Standard deviations (3 + p + c,) of a state found by consensus, which may still bend an image's residuals."""
+        """Standard deviations (3 + p + c,) of a state by consensus; its errors may still bend an image's residuals."""
         d = Directions.of(self.o.select(found.agree), 0.0)
         centred = d.e_K - np.mean(d.e_K, axis=0)
         radius = np.sqrt(np.mean(np.sum(centred**2, axis=-1)))
@@ -179,7 +179,7 @@ class _Search:
         return Consensus(state.C_EK, near & self.seen, True)
 
     def _widened(self, state: State, used: Mask, agree: Mask) -> Mask:
-        """Sightings to start snooping from: more than those of the clusters where the noise is larger than stated.
+        """Sightings with which snooping starts: where the noise is larger than stated, more than those of the clusters.
 
         The 30 % quantile of T (0.713 for chi-square with 2 degrees of freedom) among those that agree says how much
         larger, be up to 60 % of them wrong; of two sets that each hold together, snooping then ends with the larger.

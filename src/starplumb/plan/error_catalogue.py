@@ -174,7 +174,7 @@ def position(
 def correlated_position(
     flight: Flight, name: str, sigma: Array, frame: str, time_s: float, shape: Distribution = _GAUSSIAN
 ) -> Source:
-    """Orbit error that forgets itself like a Gauss-Markov process: correlation ``exp(-|dt| / time)`` between images."""
+    """Orbit error as a Gauss-Markov process: correlation ``exp(-|dt| / time)`` between images."""
     words = f"position along {frame} axes, correlated over {time_s:g} s"
     labels = ("along", "across", "down") if frame == "orbital" else XYZ
     t_s = np.asarray(flight.flown.images.t_ns * 1e-9)
@@ -186,7 +186,7 @@ def correlated_position(
 def correlated_attitude(
     flight: Flight, name: str, sigma: Array, axes: Array, time_s: float, shape: Distribution = _GAUSSIAN
 ) -> Source:
-    """Attitude error of images that forgets itself like a Gauss-Markov process."""
+    """Attitude error of images as a Gauss-Markov process."""
     t_s = np.asarray(flight.flown.images.t_ns * 1e-9)
     L = np.broadcast_to(axes, (flight.m, 3, 3))
     unit = correlated(name, "alpha_E", L, t_s, chained(t_s, FORGOTTEN * time_s), time_s)

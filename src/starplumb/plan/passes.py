@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 _STEPS = 30
-"""Newton steps at most; a handful suffice wherever the site can be seen."""
+"""Newton steps at most; a handful are enough wherever the site can be seen."""
 _ANGLE = 1e-9
 """Look angle, rad, at which a time or an orbit is found (less than a millimetre on the ground)."""
 

@@ -36,7 +36,7 @@ class Recomputed:
 
     @classmethod
     def of_series(cls, statistics: Array) -> Recomputed:
-        """Median over series (s, k) of the publication's size: one wild run spoils one series, not the comparison."""
+        """Median over series (s, k) of the publication's size: an outlier spoils one series, not the comparison."""
         value = np.median(statistics, axis=0)
         # the median of s normal numbers is pi/2 times as uncertain in variance as their mean
         spread = 0.7413 * np.subtract(*np.quantile(statistics, (0.75, 0.25), axis=0))
@@ -61,7 +61,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Comparison:
-    """A table: what it is, its columns, its rows, and what must be said about it."""
+    """A table: its title, columns, rows, and remarks."""
 
     name: str
     title: str

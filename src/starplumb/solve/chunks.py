@@ -1,4 +1,4 @@
-"""How a table is taken: at once, or in chunks of whole images where it is large.  All sizes stand here."""
+"""How a table is adjusted: as a whole, or in chunks of whole images where it is large.  All sizes stand here."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ Index = NDArray[np.int64]
 Rows = slice | Index
 
 LARGE = 10_000
-"""Sightings from which a table is taken in chunks..."""
+"""A table of more sightings than this is adjusted in chunks..."""
 MANY = 60
-"""...and landmarks seen more than once from which it is: their errors are then solved for as a sparse system."""
+"""...and so is one with more landmarks than this seen more than once: their errors are then a sparse system."""
 CHUNK = 4_096
-"""Sightings of a chunk: what fits the processor's cache with all that is made of it."""
+"""Sightings of a chunk: with all that is computed from them they fit the processor's cache."""
 SAMPLE = 30_000
 """Sightings of the sample from which the adjustment of a table several times larger starts."""
 
@@ -29,14 +29,14 @@ def repeated_landmarks(o: Observations) -> Index:
 
 
 def in_chunks(o: Observations) -> bool:
-    """Whether a table is taken in chunks: it is large and has no batch axes."""
+    """Whether a table is adjusted in chunks: it is large and has no batch axes."""
     if o.batch or not o.cov_attitude_E.ndim == o.cov_position_J.ndim == o.cov_landmark_J.ndim == 3:
         return False
     return o.n > LARGE or repeated_landmarks(o).size > MANY
 
 
 def sampled(o: Observations) -> bool:
-    """Whether a sample is worth to start from: of a table of landmarks seen once."""
+    """Whether to start from the estimate of a sample: in a large table of landmarks seen once."""
     return o.n >= 2 * SAMPLE and in_chunks(o) and repeated_landmarks(o).size == 0
 
 
@@ -47,7 +47,7 @@ def sample(o: Observations) -> Observations:
 
 
 def part(o: Observations, rows: Rows) -> Observations:
-    """Some rows, by a slice without copying, with all images and landmarks as they were (no batch axes)."""
+    """Some rows (a slice is not copied), with all images and landmarks as they are (no batch axes)."""
     own = {name: getattr(o, name)[rows] for name in ("image", "landmark", *PER_SIGHTING)}
     return replace(o, **own, common_px=None if o.common_px is None else o.common_px[rows])
 

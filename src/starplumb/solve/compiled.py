@@ -1,9 +1,9 @@
 """Formulas on component rows compiled by numba (the extra ``fast``), from the very source that NumPy runs.
 
-Compiled code may call a plain Python function once numba is told what to compile for it: a formula itself, or, for the
-few functions of :mod:`starplumb.physics.components` that know of NumPy, the form that stands here.  For the compiler to
-vectorise, a block has a width that it knows, everything is inlined, and a loop over ``lanes()`` touches rows of fixed
-number only; hence ``read_block`` and ``write_block``, which here copy.
+Compiled code may call a plain Python function once that is registered with numba: a formula as it stands, or, for the
+few functions of :mod:`starplumb.physics.components` that depend on NumPy, with the form that stands here.  So that the
+compiler vectorises, it knows the width of a block, everything is inlined, and a loop over ``lanes()`` touches only rows
+of fixed number; hence ``read_block`` and ``write_block``, which here copy.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ WIDTH = 64
 
 Function = Callable[..., Any]
 _known: set[Function] = set()
-"""What numba has been told of."""
+"""The functions registered with numba."""
 
 
 def compiled(function: Function) -> Function:
@@ -120,4 +120,4 @@ _FORMS: dict[Function, Function] = {
     components.root: _root,
     components.extreme: _extreme,
 }
-"""What is compiled in place of the functions that know of NumPy."""
+"""What is compiled in place of the functions that depend on NumPy."""

@@ -89,7 +89,7 @@ class Problem:
 
     @cached_property
     def in_chunks(self) -> bool:
-        """Whether the table is taken a chunk at a time, which is for one mounting."""
+        """Whether the table is adjusted a chunk at a time, which needs a single mounting."""
         return self.C_EK.ndim == 2 and self.values.ndim == 1 and in_chunks(self.table)
 
     @cached_property
@@ -149,8 +149,8 @@ class Problem:
 
     @cached_property
     def statistics(self) -> Solution | None:
-        """What statistics are made of; None where the common parameters are not determined, or the cofactors of the
-        shared errors take too long."""
+        """What the tests are computed from; None where the common parameters are not determined, or the cofactors of
+        the shared errors take too long."""
         try:
             shared, squares = self._eliminated
         except np.linalg.LinAlgError:
@@ -160,8 +160,7 @@ class Problem:
         return None if cofactors is None else Solution(found.x, found.covariance, shared, cofactors)
 
     def tested_parts(self) -> Iterator[TestedPart]:
-        """What the adjustment says of its sightings, a chunk at a time (no batch axes); nothing where that is not
-        known."""
+        """The tests of the sightings, a chunk at a time (no batch axes); nothing where there is no solution."""
         solution = self.statistics
         if solution is None:
             return

@@ -222,7 +222,7 @@ def excess(tested: Tested, seen: Mask, alpha: float, alpha_group: float) -> tupl
 
 
 def variance_factor(T: Array) -> float:
-    """How many times larger than stated the noise of sightings is by the median of their T, 1 unless it surely is.
+    """The noise of sightings over what is stated, from the median of their T; 1 unless it is clearly larger.
 
     The median of chi-square with 2 degrees of freedom is ``2 ln 2``, that of n values is good to ``2 / sqrt(n)``; those
     that noise would hardly reach are left out, so that a majority of blunders is not taken for it.  Sigmas stated too

@@ -142,7 +142,7 @@ def on_ground(theta_E: Array, ground_m: Array) -> Array:
 
 @dataclass(frozen=True)
 class Study:
-    """What is asked: these ``methods`` on this many ``trials`` of a scenario, from this ``seed``."""
+    """A study to run: ``methods`` on a number of ``trials`` of a scenario, drawn from a ``seed``."""
 
     scenario: Scenario
     methods: Mapping[str, Estimator]
@@ -161,7 +161,7 @@ class Study:
 
     @cached_property
     def fingerprint(self) -> dict[str, str | int | bool]:
-        """All that a chunk's bits depend on, except how many of its trials are asked for."""
+        """All that a chunk's numbers depend on, except how many of its trials are asked for."""
         return {
             "starplumb": __version__,
             "scenario": f"{self.scenario.name}, sha256:{self.scenario.digest}",

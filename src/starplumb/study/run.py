@@ -1,4 +1,4 @@
-"""Who runs the chunks: this process, others on this machine, or a Dask cluster.  The answer is the same."""
+"""Where the chunks run: in this process, in others on this machine, or on a Dask cluster, with the same answer."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 AHEAD = 2
 """Chunks given out per worker beyond the one it works on: enough to keep it busy, few enough to stop quickly."""
 LOST_POOLS = 5
-"""Times that workers may die without finishing a single chunk before it is called an error."""
+"""How often the workers may die without finishing a chunk before the study ends with an error."""
 
 
 class Scheduler(Protocol):
@@ -52,7 +52,7 @@ def _start_worker(study: Study) -> None:
 
 
 def _end_with_parent() -> None:
-    """A parent that is killed cannot stop its workers; they would wait for it for ever."""
+    """End this worker when its parent ends: a parent that is killed cannot stop its workers."""
     parent = parent_process()
     if parent is not None:
         parent.join()
@@ -168,7 +168,8 @@ def cpu_count() -> int:
 
 
 def choose(workers: int | None, address: str | None, chunks: int) -> Scheduler:
-    """The scheduler that the options mean: a cluster, this process for one worker or one chunk, else processes."""
+    """The scheduler for the options: a cluster where an address is given, this process for one worker or chunk, else
+    worker processes."""
     if address is not None:
         return Dask(address)
     count = min(cpu_count() if workers is None else workers, chunks)
@@ -176,7 +177,7 @@ def choose(workers: int | None, address: str | None, chunks: int) -> Scheduler:
 
 
 def run(store: Store, scheduler: Scheduler, done: Callable[[int], None] = lambda trials: None) -> None:
-    """Run what is missing of a study; ``done`` hears the trials of each chunk, those found finished first.
+    """Run what is missing of a study; ``done`` gets the number of trials of each chunk, first of those on disk.
 
     A chunk counts once it is stored: interrupted at any moment, the finished ones are kept.
     """

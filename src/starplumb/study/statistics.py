@@ -1,6 +1,6 @@
 """Statistics of any number of runs, each with its own uncertainty: moments, which merge, and quantiles.
 
-Parts are merged in a fixed order by whoever holds them, so a result depends on the draws alone.
+Parts are merged in a fixed order, so that a result depends on the draws alone.
 """
 
 from __future__ import annotations

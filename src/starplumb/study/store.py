@@ -1,4 +1,4 @@
-"""Finished chunks of a study on disk: each written whole or not at all, none taken from another study."""
+"""Finished chunks of a study on disk: each is written whole or not at all, and those of another study are refused."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class Store:
         return self.folder / f"{c:08d}.npz"
 
     def missing(self) -> list[int]:
-        """Chunks that are not there, or there with another number of trials, or damaged."""
+        """Chunks that are missing, damaged, or have another number of trials."""
         return [c for c in range(self.study.chunks) if not self._has(c)]
 
     def _has(self, c: int) -> bool:

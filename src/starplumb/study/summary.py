@@ -183,7 +183,7 @@ def _axis(found: Tally, errors: Array, k: int, bound: Array | None) -> dict[str,
 
 
 def _histogram(errors: Array, mean: float, sigma: float) -> dict[str, Any] | None:
-    """Counts in bins of a fifth of sigma out to five, for the figures; what lies beyond is in the outer two."""
+    """Counts in bins of a fifth of sigma out to five sigma, for the figures; the outer two hold what lies beyond."""
     if errors.size == 0 or not sigma > 0.0:
         return None
     edges = mean + sigma * np.linspace(-5.0, 5.0, 51)
@@ -194,7 +194,7 @@ def _histogram(errors: Array, mean: float, sigma: float) -> dict[str, Any] | Non
 def _consistency(
     value: float, error: float, degrees_of_freedom: float, root: bool = False
 ) -> dict[str, Any] | None:
-    """A mean square (or its root) that should be 1, its 95 % interval and the band where it lies if all is well."""
+    """A mean square (or its root) that should be 1, its 95 % interval, and its band if the sigmas are true."""
     if degrees_of_freedom == 0.0:
         return None
     bands = [chi2_band(degrees_of_freedom, level) for level in (0.95, SURE)]

@@ -1,4 +1,4 @@
-"""What a study found, in sentences: whether the stated errors are the true ones, the tails light, the bound reached."""
+"""What a study found, in sentences: whether the stated sigmas are true, the tails heavy, and the bound reached."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import Any
 
 TOLERANCE = 0.02
-"""What is off by less than this part of itself is never called wrong: estimators are linearised."""
+"""A figure that is off by less than this part of itself is not called wrong: estimators are linearised."""
 HEAVY = 4.0
 """Kurtosis from which the tails are called heavy (3 for a Gaussian)."""
 

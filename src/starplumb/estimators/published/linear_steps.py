@@ -44,7 +44,7 @@ class LinearEstimate(AlignmentEstimate):
     C_EK_model: Array
 
     def describe(self, C_EK_best: Array) -> tuple[str, ...]:
-        """How the initial error bears on the answer, then the notes."""
+        """What the initial error does to the answer, then the notes."""
         if not Status(int(self.status)).usable:
             return super().describe(C_EK_best)
         theta_E = so3.log(self.C_EK_model @ C_EK_best.mT)
@@ -59,7 +59,7 @@ class LinearEstimate(AlignmentEstimate):
 
 
 def linear_bias(z_E: Array, theta_E: Array) -> float:
-    """Size of ``1/2 theta_z (z x theta)``, rad: by what one linear step in a narrow field misses the answer."""
+    """Size of ``1/2 theta_z (z x theta)``, rad: how far one linear step in a narrow field misses the answer."""
     return float(np.linalg.norm(0.5 * (z_E @ theta_E) * np.cross(z_E, theta_E)))
 
 

@@ -29,7 +29,7 @@ REDRAW_SEED = 2019
 
 @dataclass(frozen=True, kw_only=True)
 class ObserverEstimate(AlignmentEstimate):
-    """An estimate with its way there.
+    """An estimate with its course.
 
     ``trace_xyzw`` (1 + cycles, 4, ...) quaternion of C_EK after the very first equation and after each cycle;
     ``C_EK_model`` (..., 3, 3) where it started; ``settle`` rad, the change of a cycle below which it counts as settled.
@@ -45,7 +45,7 @@ class ObserverEstimate(AlignmentEstimate):
 
     @property
     def first_correction_E(self) -> Array:
-        """Initial error theta_E (..., 3) rad as the very first equation alone has it (table 3 of the paper)."""
+        """Initial error theta_E (..., 3) rad by the very first equation alone (table 3 of the paper)."""
         return so3.log(self.C_EK_model @ self.C_EK_after(0).mT)
 
     @property
@@ -224,7 +224,7 @@ class Observer:
 
 
 def describe(estimate: ObserverEstimate) -> list[str]:
-    """What one run of the observer tells of itself, in sentences: the initial error, whether it settled, and when."""
+    """One run of the observer in sentences: the initial error, whether it settled, and when."""
     first, beta = estimate.first_correction_E / ARCSEC, estimate.change_E / ARCSEC
     cycles = len(estimate.trace_xyzw) - 1
     lines = [

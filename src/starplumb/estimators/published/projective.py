@@ -21,7 +21,7 @@ Bool = NDArray[np.bool_]
 Index = NDArray[np.int64]
 
 MIN_MARKERS = 4
-"""Eight parameters, two equations a marker."""
+"""Eight parameters at two equations a marker."""
 
 # q c_1 = (a_1, a_4, -a_7) and q c_2 = (a_2, a_5, -a_8) of (a_1 .. a_8), F = 1
 _FIRST, _SECOND = np.zeros((3, 8)), np.zeros((3, 8))
@@ -30,12 +30,12 @@ _FIRST[[0, 1, 2], [0, 3, 6]] = _SECOND[[0, 1, 2], [1, 4, 7]] = 1.0, 1.0, -1.0
 
 @dataclass(frozen=True, kw_only=True)
 class ProjectiveEstimate(AlignmentEstimate):
-    """Also where each image was taken from: ``r_J`` (..., m, 3) m, NaN for one that was left out."""
+    """Adds where each image was taken from: ``r_J`` (..., m, 3) m, NaN for one that was left out."""
 
     r_J: Array
 
     def describe(self, C_EK_best: Array) -> tuple[str, ...]:
-        """Its notes, or that the campaign has no image fit for it."""
+        """Its notes, or a sentence that no image of the campaign has what it needs."""
         if int(self.status) == Status.SINGULAR:
             return ("not applicable: no image has four markers well apart and off a line",)
         return super().describe(C_EK_best)
@@ -198,7 +198,7 @@ def _map(seen: Array, xy: Array, weight: Array) -> tuple[Array, Array, Bool]:
 
 
 _STRAIGHT_DOWN = np.array([1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
-"""Parameters of the camera straight above: stands in where there is no answer."""
+"""Parameters of the camera straight above: used where there is no answer."""
 
 
 def _decompose(a: Array) -> tuple[Array, Array]:

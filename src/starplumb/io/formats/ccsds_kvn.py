@@ -15,7 +15,7 @@ _BEFORE_DATA, _AFTER_DATA = "the lines before DATA_START", "the lines after DATA
 
 
 class _Parser:
-    """The place in the file decides what a line means; ``place`` is that place."""
+    """What a line means depends on where in the file it stands, which is ``place``."""
 
     def __init__(self, path: str, dialect: Dialect) -> None:
         self.message = Message(path, named_columns=False)
@@ -96,7 +96,7 @@ class _Parser:
 
 
 def parse_kvn(path: str, text: str, dialect: Dialect) -> Message:
-    """The message in ``text``; InputError for whatever does not belong where it stands, or breaks off."""
+    """The message in ``text``; InputError for a line that does not belong where it stands, and for a text cut off."""
     parser = _Parser(path, dialect)
     # Not str.splitlines: it also breaks at form feeds and Unicode separators, and line numbers would drift.
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")

@@ -1,4 +1,4 @@
-"""A CCSDS navigation message as text with line numbers, before any number is believed.
+"""A CCSDS navigation message as text with line numbers, before its numbers are checked.
 
 Both notations (keyword = value, and XML) are parsed into the same :class:`Message`; what is common to the
 orbit and the attitude ephemeris is read out of it here. Source: CCSDS 502.0-B-3 (ODM), 504.0-B-1 and -2
@@ -90,7 +90,7 @@ def set_version(message: Message, dialect: Dialect, found: Entry) -> None:
 
 
 def check(message: Message, dialect: Dialect) -> list[str]:
-    """InputError for a missing keyword or an empty segment; returns notices about what nobody reads."""
+    """InputError for a missing keyword or an empty segment; returns notices about keywords that are not used."""
     if not message.segments:
         raise InputError(f"{message.path}: holds no segment (no metadata block was found)")
     known = {*dialect.mandatory, *dialect.optional}
@@ -124,7 +124,7 @@ def common(message: Message, key: str) -> str:
 
 
 def time_scale(message: Message) -> str:
-    """TIME_SYSTEM, one of those starplumb keeps."""
+    """TIME_SYSTEM, one of those that starplumb knows."""
     found = common(message, "TIME_SYSTEM")
     if found.upper() not in timescales.SCALES:
         line = message.segments[0].meta["TIME_SYSTEM"].line
@@ -180,7 +180,7 @@ def _number(message: Message, line: int, text: str, power: int) -> float:
 
 
 def epochs(message: Message, texts: Sequence[str], lines: Sequence[int], scale: str) -> EpochArray:
-    """Epochs as t_ns; the error of a wrong one gains the file and the line."""
+    """Epochs as t_ns; the error for a wrong one names the file and the line."""
     try:
         return timescales.parse(texts, scale)
     except EpochError as error:
@@ -221,7 +221,7 @@ def usable(message: Message, segment: Segment, t_ns: EpochArray, scale: str) -> 
 
 
 class Piece(NamedTuple):
-    """Rows of one segment that are good to use."""
+    """Rows of one segment that may be used."""
 
     t_ns: EpochArray
     values: FloatArray

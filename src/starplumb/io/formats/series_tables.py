@@ -1,4 +1,4 @@
-"""What readers of standard ephemeris and attitude files hand over: frozen tables, nothing interpolated."""
+"""What readers of standard ephemeris and attitude files return: frozen tables, nothing interpolated."""
 
 from __future__ import annotations
 

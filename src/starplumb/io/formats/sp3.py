@@ -20,7 +20,7 @@ _SCALES = ("GPS", "UTC", "TAI")
 _FRAME = re.compile(r"(ITRF?|IGS|IGB|IG|SLR|WGS)[ _-]?\d{0,4}")
 _FIELDS = (slice(4, 18), slice(18, 32), slice(32, 46))
 _ABSENT = 999999.0
-"""Position or velocity fields of 999999.999999 hold nothing (and so do three zeros)."""
+"""Fields of 999999.999999 mean that there is no position or velocity (as three zeros do)."""
 _MANOEUVRE, _PREDICTED = slice(78, 79), slice(79, 80)
 """Flags M and P of a position record."""
 
@@ -119,7 +119,7 @@ def _header(path: str | Path, lines: list[str]) -> _Header:
 
 
 def _name(field: str) -> str:
-    """Identifier as everybody writes it: letter and two digits (the format allows G 1 for G01)."""
+    """Identifier in its usual form: letter and two digits (the format allows G 1 for G01)."""
     return field.replace(" ", "0")
 
 

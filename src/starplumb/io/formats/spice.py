@@ -53,7 +53,7 @@ def _span(first_tdb: float, last_tdb: float) -> _Span:
 
 
 def _tt_of_tdb(seconds: float) -> float:
-    """Inverse of the correction in :func:`tdb_seconds`, by iteration that gains ten digits a turn."""
+    """Inverse of the correction in :func:`tdb_seconds`, by an iteration that gains ten digits a step."""
     tt = seconds
     for _ in range(2):
         tt += seconds - float(tdb_seconds(round(tt * 1e9) - _TT_MINUS_TAI_NS))
@@ -69,7 +69,7 @@ def read_spk(
 ) -> EphemerisTable:
     """Geocentric states of one body in a SPICE SPK, sampled every ``step_s`` seconds.
 
-    Sampled is what of [``start_ns``, ``stop_ns``] (all where None) the kernel covers.
+    The part of [``start_ns``, ``stop_ns``] (everything where None) that the kernel covers is sampled.
     Frame J2000 of SPICE, which is the GCRF; m and m/s. Each interval of coverage is a segment and its end is
     sampled as well. ``target`` (NAIF ID) may be left out where the file holds one body only. Raises
     InputError where spiceypy is not installed, the file is no SPK, several bodies are there and none is
@@ -110,7 +110,7 @@ def _spiceypy() -> ModuleType:
 
 @contextmanager
 def _loaded(spice: ModuleType, path: str | Path) -> Iterator[None]:
-    """The kernel is loaded inside and unloaded after; SPICE's complaints become InputError."""
+    """Load the kernel, and unload it afterwards; errors of SPICE become InputError."""
     try:
         spice.furnsh(str(path))
         try:
@@ -165,7 +165,7 @@ def _samples(span: _Span, step_s: float) -> EpochArray:
 
 
 def _tdb(span: _Span, t_ns: EpochArray) -> FloatArray:
-    """SPICE times of samples, not a rounding beyond the kernel's ends, where it would refuse."""
+    """SPICE times of samples, clipped to the kernel's ends: SPICE refuses times that lie a rounding beyond them."""
     return np.clip(tdb_seconds(t_ns), span.first_tdb, span.last_tdb)
 
 
@@ -231,7 +231,7 @@ def _prose(
 
 
 def _comment(texts: Iterator[str]) -> Iterator[str]:
-    """Comment lines that SPICE will not mistake for data: ASCII, within its limit of width, no backslash."""
+    """Comment lines that SPICE does not take for data: ASCII, within its limit of width, no backslash."""
     for text in texts:
         for line in text.splitlines() or [""]:
             plain = line.expandtabs(4).encode("ascii", "replace").decode().replace("\\", "/")

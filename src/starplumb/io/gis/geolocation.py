@@ -22,7 +22,7 @@ BANDS = ("longitude_deg", "latitude_deg", "height_m")
 
 
 def require_ending(path: Path) -> None:
-    """Raise InputError for a file that would be neither."""
+    """Raise InputError for a file name with another ending."""
     if path.suffix.lower() not in ENDINGS:
         raise InputError(f"{path}: found the ending {path.suffix!r}, wanted {', '.join(ENDINGS)}")
 

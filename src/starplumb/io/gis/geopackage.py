@@ -23,7 +23,7 @@ _NO_DATE = "1970-01-01T00:00:00.000Z"
 
 
 def require_pyogrio(path: Path) -> None:
-    """Raise InputError where the library that writes ``path`` is not installed; asked before long work is begun."""
+    """Raise InputError where the library that writes ``path`` is not installed; called before long work begins."""
     if find_spec("pyogrio") is None:
         raise InputError(f'{path}: writing it needs pyogrio: pip install "starplumb[gis]"')
 

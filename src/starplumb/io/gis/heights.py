@@ -1,4 +1,4 @@
-"""Heights above the ellipsoid from a DEM, with the geoid it stands on where it stands on one; nothing is guessed.
+"""Heights above the ellipsoid from a DEM, which may itself give heights above a geoid; nothing is guessed.
 
 A raster's heights are ellipsoidal or above a geoid, and hardly any file says which; a library that is asked to turn one
 into the other without its grid may return them unchanged.  So the user says what they are, names the geoid's grid if
