@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 
 class Camera(Protocol):
-    """What the geometry asks of a camera.
+    """What the geometry needs of a camera.
 
     ``scans`` says that a row is an epoch (line scanner), so that its look direction depends on the column alone.
     """

@@ -25,7 +25,7 @@ SCALE_HEIGHT = 8200.0
 
 @dataclass(frozen=True)
 class Corrections:
-    """Which light effects the observations contain and the model must therefore contain too.
+    """The light effects that the observations contain, so that the model must contain them.
 
     ``aberration`` is False where the attitude product has it absorbed already.
     """

@@ -21,7 +21,7 @@ EARTH_RADIUS = 6378136.6
 
 
 class Orbit(Protocol):
-    """What a simulation asks of an orbit."""
+    """What a simulation needs of an orbit."""
 
     def at(self, time_s: ArrayLike) -> tuple[Array, Array]:
         """Inertial position r_I (..., 3) m and velocity v_I (..., 3) m/s, ``time_s`` (...) after its epoch."""

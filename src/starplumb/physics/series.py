@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 Epochs = NDArray[np.int64]
 
 COINCIDENCE_NS = 1_000
-"""An epoch this near a sample (one microsecond) is that sample's: it needs no neighbour."""
+"""An epoch within this of a sample (one microsecond) is the sample's and needs no neighbour."""
 GAP_FACTOR = 3.5
 """Samples farther apart than this many median spacings belong to different bursts, unless a gap is stated."""
 
@@ -184,9 +184,9 @@ class Ephemeris:
     v_J: Array | None = None
     gap_s: float | None = None
     name: str = "the ephemeris"
-    """What messages call it: the user's file."""
+    """Its name in messages: the user's file."""
     starts: tuple[int, ...] = ()
-    """Samples at which a new arc begins, which is not interpolated from the one before."""
+    """Samples at which a new arc begins; nothing is interpolated across its beginning."""
 
     def __post_init__(self) -> None:
         self._check_velocities()
@@ -234,7 +234,7 @@ class Ephemeris:
         return first, np.clip(within, first + 1, last[first])
 
     def _likely(self, moved: Array, stated: Array, first: NDArray[np.int64]) -> str:
-        """What the velocities seem to be instead, where one supposition explains them."""
+        """What the velocities seem to be instead, where one assumption explains them."""
         turning = np.cross([0.0, 0.0, OMEGA_EARTH], self.r_J[first])
         if _median_length(stated - turning - moved) < 0.2 * _median_length(stated - moved):
             return " (they look like inertial velocities, turned into the axes of the Earth)"
@@ -310,11 +310,11 @@ class Attitude:
     orientation: Orientation | None = None
     gap_s: float | None = None
     name: str = "the attitude"
-    """What messages call it: the user's file."""
+    """Its name in messages: the user's file."""
     starts: tuple[int, ...] = ()
-    """Samples at which a new arc begins, which is not interpolated from the one before."""
+    """Samples at which a new arc begins; nothing is interpolated across its beginning."""
     quaternion_step: float = 0.0
-    """Step of the digits in which the file gives the quaternions, 0 where it has all that matter."""
+    """Step of the last digit of the quaternions in the file, 0 where it does not matter."""
 
     def __post_init__(self) -> None:
         if self.frame == "GCRF" and self.orientation is None:

@@ -196,7 +196,7 @@ class FusedAttitude:
         return used, C, omega
 
     def _refuse(self, t_ns: Epochs, row: int) -> None:
-        """Say what the first tracker lacks, and that the others do not help."""
+        """Raise the first tracker's error, and say that the others do not cover the epoch either."""
         others = ", ".join(tracker.name for tracker in self.trackers[1:])
         also = f" (nor does any of {others} cover it)" if others else ""
         try:

@@ -40,7 +40,7 @@ def calibration_page(calibration: Calibration, document: Mapping[str, Any]) -> s
 
 
 def summary(c: Calibration, document: Mapping[str, Any]) -> str:
-    """The one sentence with the number, the larger of its sigmas, and what it was made from."""
+    """The sentence with the correction, the larger of its sigmas, and the data it is from."""
     tracker, fit = document["mounting"]["to"], document["fit"]
     made = f"{fit['observations']} sightings in {_count(fit['images'], 'image')}"
     if not c.status.usable:
@@ -67,7 +67,7 @@ def _count(n: int, word: str) -> str:
 
 
 def _sections(c: Calibration, document: Mapping[str, Any]) -> tuple[Section, ...]:
-    """All sections; those with nothing to say are left out of the page."""
+    """All sections; empty ones are left out of the page."""
     usable = c.status.usable
     return (
         Section("alignment", "Alignment", tables=tables.alignment(c, document)),

@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 
 AXES = ("x", "y", "z")
 NAMED_IMAGES = 24
-"""So many images are named below an axis; more are counted."""
+"""Up to this many images are named below an axis; of more their number is given."""
 
 
 def residual_vectors(

@@ -21,7 +21,7 @@ Tone = Literal["good", "fair", "bad"]
 
 @dataclass(frozen=True)
 class Figure:
-    """A matplotlib figure, what it shows for those who cannot see it, and its caption.
+    """A matplotlib figure, its description for those who cannot see it, and its caption.
 
     ``name`` is its own in the page.
     """

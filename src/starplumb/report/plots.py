@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 DRAWN_AT_MOST = 600
-"""Points or arrows in one drawing: more would neither be seen apart nor load quickly."""
+"""Points or arrows in one drawing: more could not be told apart and would load slowly."""
 WORST = 20
 """So many of them are the largest; more would show another distribution than there is."""
 LONG_ARROW = 0.09

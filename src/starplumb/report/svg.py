@@ -26,7 +26,7 @@ _VARIABLES = {
     **dict(zip(SERIES, ("--one", "--two", "--three", "--four"), strict=True)),
 }
 WIDTH, HEIGHT = 4.6, 3.6
-"""Inches at which figures are drawn: their letters then are read at the width of a phone and of half a page alike."""
+"""Inches at which figures are drawn, so that their letters can be read at the width of a phone and of half a page."""
 
 _STYLE = {
     "font.family": "sans-serif",

@@ -22,11 +22,11 @@ from .csv_rows import CsvLines
 from .schema import Schema
 
 _PIECE = 1 << 18
-"""Bytes of a CSV file at a time; PyArrow reads some thirty ahead."""
+"""Bytes of a CSV file that are read at a time; PyArrow reads some thirty such pieces ahead."""
 _NEED_CARE = (b'"', b"\0")
-"""Quotes do not mean the same to both parsers of CSV; NUL is no text."""
+"""The two parsers of CSV read quotes differently, and NUL is no text."""
 _INDEX = re.compile(r"__index_level_\d+__")
-"""What pandas calls the nameless index of a data frame when it becomes a column."""
+"""The name that pandas gives the unnamed index of a data frame when it becomes a column."""
 _BEGINNINGS = {
     b"PAR1": "Parquet",
     b"ARROW1": "Arrow",
@@ -36,7 +36,7 @@ _BEGINNINGS = {
 
 
 class TextColumn(Sequence[str]):
-    """Texts (n,) that stay in PyArrow's memory, which takes a fifth of that of Python's own."""
+    """Texts (n,) that stay in PyArrow's memory, a fifth of what Python strings take."""
 
     def __init__(self, column: Any) -> None:
         self.column = column
@@ -69,7 +69,7 @@ class TextColumn(Sequence[str]):
 
 
 def read_large_csv(path: Path, schema: Schema) -> Columns | None:
-    """The columns of a CSV file, several times quicker than row by row; None where anything wants a closer look.
+    """The columns of a CSV file, several times quicker than row by row; None where a file needs the other parser.
 
     What is read here is what :mod:`.csv_rows` reads, bit for bit. Whatever that module might refuse is left to it, so
     that the sentences for the user stand there alone. The file is read in pieces: its text is never in memory.
@@ -111,7 +111,7 @@ def _csv_columns(path: Path, schema: Schema) -> Columns | None:
 
 
 def _line_of_row(path: Path, header_line: int) -> Callable[[int], int]:
-    """The line of each row of a file without quotes: only a message asks for it, and the file is read again then."""
+    """The line of each row of a file without quotes, needed for messages only: the file is then read again."""
 
     @cache
     def lines() -> list[int]:
@@ -222,7 +222,7 @@ def columns_of_table(name: str, table: Any, schema: Schema) -> Columns:
 
 
 def _kept(name: str, table: Any, schema: Schema) -> tuple[Any, Callable[[int], int]]:
-    """The rows that are to be looked at, and the place in the whole table of each."""
+    """The rows that are kept, and the place in the whole table of each."""
     columns = {column: _decoded(table[column]).to_pylist() for column in schema.keep}
     cells = zip(*columns.values(), strict=True)
     rows = [i for i, row in enumerate(cells) if schema.kept(dict(zip(columns, row, strict=True)))]

@@ -1,4 +1,4 @@
-"""Columns of cells, as text, to numbers and names; the first cell that is neither is named."""
+"""Cells as text, converted column by column to numbers and texts; an error names the first cell that does not fit."""
 
 from __future__ import annotations
 

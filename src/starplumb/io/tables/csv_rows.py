@@ -56,8 +56,7 @@ def read_rows(path: Path, schema: Schema) -> Columns:
 
 @contextmanager
 def _collector_paused() -> Iterator[None]:
-    """A million rows are a million short-lived lists, which the cycle collector would visit in vain (half the
-    time)."""
+    """Pause the cycle collector: a million rows are a million short-lived lists, and visiting them doubles the time."""
     enabled = gc.isenabled()
     gc.disable()
     try:
@@ -138,7 +137,7 @@ class CsvLines:
 
 
 def _kept(block: _Block, schema: Schema, place: Mapping[str, int]) -> _Block:
-    """The rows of a block that are to be looked at."""
+    """The rows of a block that are kept."""
     at = {name: place[name] for name in schema.keep}
     rows = [
         i

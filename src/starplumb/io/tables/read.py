@@ -1,6 +1,6 @@
-"""One table from wherever it is, checked: CSV, Parquet or Arrow files, and data frames of any library.
+"""One table, read and checked: CSV, Parquet or Arrow files, and data frames of any library.
 
-Every source ends in the same :class:`Table`, and what is wrong in one is refused with the row and column.
+Every source gives the same :class:`Table`; an error names the row and column.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ TABLE_SUFFIXES = (".csv", ".parquet", ".arrow", ".feather")
 """Endings of tables; a file's format is recognised by its content."""
 
 LARGE = 1 << 22
-"""Bytes of a CSV file from which on reading it by PyArrow makes up for the import of PyArrow (0.1 s)."""
+"""Bytes of a CSV file from which reading it by PyArrow saves more than the import of PyArrow costs (0.1 s)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +60,7 @@ TableSource = Path | Frame
 
 
 def other_format(source: TableSource) -> Path | None:
-    """The file, where its ending is that of another format than a table's."""
+    """The file, where its ending is not one of a table."""
     return None if isinstance(source, Frame) or source.suffix.lower() in TABLE_SUFFIXES else source
 
 

@@ -10,7 +10,7 @@ from ...physics.errors import InputError
 from ..text.files import nearest, show
 
 Value = str | bool | int | float
-"""What a cell is compared with."""
+"""The value that a cell is compared with."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class Schema:
         return [name for name in (*self.texts, *self.optional_texts) if name in header]
 
     def kept(self, cells: Mapping[str, object]) -> bool:
-        """Whether a row with these cells is to be looked at."""
+        """Whether a row with these cells is kept."""
         return all(
             any(_alike(cells.get(name), value) for value in values) for name, values in self.keep.items()
         )
@@ -43,7 +43,7 @@ class Schema:
         return [name for name in (*self.numbers, *self.optional_numbers) if name in header]
 
     def ignored(self, header: Sequence[str]) -> list[str]:
-        """Columns that nobody asks for."""
+        """Columns that are not used."""
         known = {*self.texts_in(header), *self.numbers_in(header), *self.stamps, *self.keep}
         return [name or "(unnamed)" for name in header if name not in known]
 
@@ -73,7 +73,7 @@ class Schema:
 
 
 def _alike(cell: object, wanted: Value) -> bool:
-    """Whether a cell, text or already a value, is what is wanted: numbers by value, all else by its text."""
+    """Whether a cell, as text or as a value, equals what is wanted: numbers by value, all else by its text."""
     if isinstance(wanted, bool):
         return str(cell).strip().lower() == str(wanted).lower()
     if isinstance(wanted, str):

@@ -1,4 +1,4 @@
-"""Bytes from disk to text, with a sentence for all that can be wrong before the content is looked at."""
+"""Text from files, with a sentence for all that can be wrong before the content is looked at."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def nearest(word: str, known: Iterable[str]) -> str | None:
 
 
 def trouble(path: Path) -> str | None:
-    """What keeps ``path`` from being read as a file (``found ..., wanted ...``), or None."""
+    """Why ``path`` cannot be read as a file (``found ..., wanted ...``), or None."""
     try:
         with path.open("rb"):
             return None

@@ -220,7 +220,7 @@ def _corners(imd: Node, band: str, columns: int, rows: int) -> Corners:
 
 
 def _knowledge(image: Node) -> tuple[str, ...]:
-    """A notice where the vendor says that orbit or attitude are not the refined ones."""
+    """A notice where the vendor says that orbit or attitude are not refined."""
     sources = [image.find(key) for key in ("positionKnowledgeSrc", "attitudeKnowledgeSrc")]
     return tuple(
         f"{node.path}: {node.name} is {node.text}, not R (refined)"

@@ -1,4 +1,4 @@
-"""Vendors' products: whose a file is, and the campaign folder that is made from it."""
+"""Products of vendors: which vendor a file is from, and the campaign folder that is made from it."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from .dimap import read_dimap
 from .vendor import AttitudeChoice, Product, Sigma
 
 CORNER_LIMIT_M = 50_000.0
-"""A product whose own model misses its own corners by more than this has not been understood: neither a nominal
-mounting nor the unknown height of a corner takes that much."""
+"""A product whose model misses its own corners by more than this was read wrongly: neither a nominal mounting nor the
+unknown height of a corner explains that much."""
 
 
 def read_product(
@@ -97,7 +97,7 @@ def import_product(
 
 
 def _require_free(out: Path) -> None:
-    """Refuse to write over a campaign: its tables may hold a user's work."""
+    """Refuse to overwrite a campaign: its tables may hold a user's work."""
     for name in ("campaign.toml", "landmarks.csv", "observations.csv"):
         if (out / name).exists():
             raise InputError(f"{out / name}: found it there already, wanted a folder without a campaign")
@@ -121,7 +121,7 @@ def _coverage(product: Product) -> list[str]:
 
 
 def _corner_check(product: Product, campaign: Campaign) -> list[str]:
-    """How well the product's own model meets the corners it states; InputError where it does not at all."""
+    """How well the product's own model meets the corners it states; InputError where it misses them widely."""
     corners = product.corners
     if corners is None:
         return []
@@ -175,7 +175,7 @@ def _with_landmarks(
 
 
 def _with_corners(product: Product, campaign: Campaign, sigma_m: float, sigma_px: float) -> Campaign:
-    """The product's corners as landmarks; it places them with its own mounting, so this recovers that one."""
+    """The product's corners as landmarks; the product located them with its own mounting, so this recovers it."""
     corners = product.corners
     if corners is None or not corners.have_heights:
         raise InputError(f"{product.path}: found no corners with heights, wanted a table of landmarks")

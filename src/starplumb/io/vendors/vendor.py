@@ -1,4 +1,4 @@
-"""A vendor's image product in our axes and units: what the readers of all vendors hand over."""
+"""A vendor's image product in our axes and units: what the readers of all vendors return."""
 
 from __future__ import annotations
 
@@ -100,9 +100,9 @@ class Product:
     notices: tuple[str, ...] = ()
 
     def campaign(self, sigma_m: Sigma | None = None, sigma_arcsec: Sigma | None = None) -> Campaign:
-        """The product without landmarks. Sigmas given here, one or three, go before the product's own.
+        """The product without landmarks. Sigmas given here, one or three, replace the product's own.
 
-        Raises InputError for a sigma that is no sigma, or that nobody states.
+        Raises InputError for a sigma that is not positive, or that is stated nowhere.
         """
         position = self.sigma_position if sigma_m is None else _three("sigma_m", sigma_m)
         attitude = (
