@@ -760,7 +760,11 @@ MARKERS = [
     BadCase(
         "look-angles-folded",
         both(LINE_SCAN, NO_OPTICS, put("detectors.csv", DETECTORS.replace("5999,0.0", "5999,0.03"))),
-        ("detectors.csv, row 4, column tan_x", "found 0.02", "only rise or only fall"),
+        (
+            "detectors.csv, row 4, column tan_x",
+            "found 0.02",
+            "go on and on from the first detector to the last",
+        ),
     ),
     BadCase(
         "look-angles-unsorted",

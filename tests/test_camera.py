@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from starplumb.io.campaign.read import load_campaign
 from starplumb.physics.camera import Distortion, FrameCamera, LineScanCamera
+from starplumb.table.geometry import locate, project
 
 SCALE = 9e-6 / 2.2
 LENS = Distortion((0.9, -12.0, 40.0), (0.004, -0.003))
@@ -176,3 +180,39 @@ def test_a_lens_is_straightened_to_rounding(rng):
         step = h * np.eye(2)[axis]
         quotient = (LENS.remove(bent + step)[0] - LENS.remove(bent - step)[0]) / (2.0 * h)
         np.testing.assert_allclose(slope[..., axis], quotient, atol=1e-6)
+
+
+@pytest.mark.parametrize("deg", [0.0, 30.0, 90.0, 135.0, 180.0, 270.0])
+def test_a_line_of_detectors_may_lie_along_any_direction(deg, rng):
+    """A bent line turned about the boresight: columns are found again, and what lies beside it by so many pixels."""
+    column = np.linspace(0.0, 999.0, 11)
+    straight = np.stack([1e-5 * (column - 500.0), 2e-4 * ((column - 500.0) / 500.0) ** 2], axis=-1)
+    turn = np.array(
+        [
+            [np.cos(np.deg2rad(deg)), -np.sin(np.deg2rad(deg))],
+            [np.sin(np.deg2rad(deg)), np.cos(np.deg2rad(deg))],
+        ]
+    )
+    x, y = (straight @ turn.T).T
+    camera = LineScanCamera(column, x, y, (1000.0, np.inf))
+    at = rng.uniform(0.0, 999.0, 50)
+    xy, slope = camera.tan_from_px(at, 0.0)
+    np.testing.assert_allclose(camera.px_from_tan(xy), np.stack([at, np.zeros(50)], axis=-1), atol=1e-6)
+    beside = 3.0 * np.stack([-slope[..., 1, 0], slope[..., 0, 0]], axis=-1)
+    found = camera.px_from_tan(xy + beside)
+    assert np.all(np.abs(np.abs(found[:, 1]) - 3.0) < 0.25)
+    assert np.all(np.abs(found[:, 0] - at) < 3.0)
+
+
+def test_detectors_along_y_are_those_along_x_of_a_turned_mounting(shared_cases):
+    campaign = load_campaign(shared_cases / "detectors_along_y" / "campaign.toml").campaign
+    camera = campaign.camera
+    assert np.ptp(camera.tan_x) == 0.0
+    # x of the other camera is our y, its y our -x
+    along_x = replace(campaign, camera=replace(camera, tan_x=camera.tan_y, tan_y=-camera.tan_x))
+    quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    images, column, row = np.zeros(3, dtype=int), np.array([10.0, 500.0, 987.0]), np.array([0.0, 500.0, 20.0])
+    p_J = locate(campaign, campaign.C_EK, images, column, row)
+    np.testing.assert_allclose(p_J, locate(along_x, campaign.C_EK @ quarter, images, column, row), atol=1e-6)
+    pixel = project(campaign, campaign.C_EK, images, p_J, np.stack([column, row], axis=-1) + 5.0)
+    np.testing.assert_allclose(pixel, np.stack([column, row], axis=-1), atol=1e-3)

@@ -29,6 +29,12 @@ pytestmark = pytest.mark.filterwarnings("ignore:Use `@` matmul:PendingDeprecatio
 MIRRORED = replace(LINE, tan_x=-LINE.tan_x)
 
 
+def turned(deg):
+    """The line of detectors turned about the boresight."""
+    c, s = np.cos(np.deg2rad(deg)), np.sin(np.deg2rad(deg))
+    return replace(LINE, tan_x=c * LINE.tan_x - s * LINE.tan_y, tan_y=s * LINE.tan_x + c * LINE.tan_y)
+
+
 def hills(latitude, longitude):
     """Heights 200 .. 1000 m, hills some 10 km long."""
     return 600.0 + 400.0 * np.sin(4000.0 * latitude) * np.cos(3000.0 * longitude)
@@ -41,7 +47,11 @@ def singly(campaign, row, column, height):
     return longitude[0], latitude[0]
 
 
-@pytest.mark.parametrize("camera", [FRAME, LINE], ids=["frame", "line"])
+@pytest.mark.parametrize(
+    "camera",
+    [FRAME, LINE, turned(90.0), turned(-130.0)],
+    ids=["frame", "line", "line along y", "oblique line"],
+)
 def test_every_pixel_is_where_the_single_one_is(camera, monkeypatch):
     monkeypatch.setattr(geolocation, "BLOCK", 20)
     campaign = truth(camera, 1, 1, tilt_deg=25.0)

@@ -30,6 +30,10 @@ LOOKUPS = 40
 """Most look-ups of the terrain along a line of sight."""
 
 
+OBLIQUE = 0.25
+"""Part of a line's longer side from which on its shorter one takes as many nodes."""
+
+
 @dataclass(frozen=True)
 class Terrain:
     """Heights above the ellipsoid (m) at the nodes of a grid: ``height`` (a, b), rows of latitude, columns of
@@ -187,8 +191,10 @@ class _Nodes:
         if not campaign.camera.scans:
             return cls((_chebyshev(column_px, count),))
         xy_K, _ = campaign.camera.tan_from_px(column_px, 0.0)
-        across = max(3, count // 4) if np.ptp(xy_K[:, 1]) > 1e-9 else 1
-        return cls((_chebyshev(xy_K[:, 0], count), _chebyshev(xy_K[:, 1], across)))
+        extent = np.ptp(xy_K, axis=0)
+        few = np.where(extent > 1e-9, max(3, count // 4), 1)
+        x, y = np.where(extent > OBLIQUE * np.max(extent), count, few).tolist()
+        return cls((_chebyshev(xy_K[:, 0], x), _chebyshev(xy_K[:, 1], y)))
 
     def values(
         self,

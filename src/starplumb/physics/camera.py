@@ -106,12 +106,17 @@ class FrameCamera:
         return np.asarray(self.principal_point_px + (self.focal_length / self.pitch) * xy)
 
 
+ALONG_X = 0.1
+"""Slope of a line of detectors below which its columns are counted along x."""
+
+
 @dataclass(frozen=True)
 class LineScanCamera:
     """One line of detectors, given by its look directions ``(tan_x, tan_y, 1)`` in K at the columns of a table.
 
     Linear between the table's columns and beyond its ends with the last slope (a column outside the image is refused
-    where observations are read); ``tan_x`` must be strictly monotonic so that a direction has one column.
+    where observations are read).  The directions must go on and on along the line's own, from its first to its last, so
+    that a direction has one column; whether that is along x, along y or between them, and which way, is all one.
     Shapes: ``column_px, tan_x, tan_y`` (d,), d >= 2.
     """
 
@@ -164,12 +169,22 @@ class LineScanCamera:
 
     def px_from_tan(self, xy_K: ArrayLike) -> Array:
         xy = np.asarray(xy_K, dtype=np.float64)
-        order = 1.0 if self.tan_x[-1] > self.tan_x[0] else -1.0
-        segment = np.searchsorted(order * self.tan_x, order * xy[..., 0], side="right") - 1
-        segment = np.clip(segment, 0, self.tan_x.size - 2)
-        column = self.column_px[segment] + (xy[..., 0] - self.tan_x[segment]) / self._slope(
-            self.tan_x, segment
-        )
+        a, n = self.axes
+        along, at = self.tan_x * a[0] + self.tan_y * a[1], xy @ a
+        segment = np.clip(np.searchsorted(along, at, side="right") - 1, 0, along.size - 2)
+        column = self.column_px[segment] + (at - along[segment]) / self._slope(along, segment)
         line, slope = self.tan_from_px(column, 0.0)
         pixel = np.hypot(slope[..., 0, 0], slope[..., 1, 0])
-        return np.stack([column, (xy[..., 1] - line[..., 1]) / pixel], axis=-1)
+        return np.stack([column, (xy - line) @ n / pixel], axis=-1)
+
+    @property
+    def axes(self) -> tuple[Array, Array]:
+        """Unit directions of (tan_x, tan_y) along the line and across it, by which a place beside it is said.
+
+        They are x, either way, and y for a line that is nearly along x.
+        """
+        along = np.array([self.tan_x[-1] - self.tan_x[0], self.tan_y[-1] - self.tan_y[0]])
+        if abs(along[1]) <= ALONG_X * abs(along[0]):
+            return np.array([np.sign(along[0]), 0.0]), np.array([0.0, 1.0])
+        a = along / np.linalg.norm(along)
+        return a, np.array([-a[1], a[0]])

@@ -164,7 +164,8 @@ class LookAngles:
     @property
     def range(self) -> tuple[float, ...]:
         """A tenth of the line's length."""
-        return (0.1 * float(np.ptp(self.camera.tan_x)),) * len(self.names)
+        length = max(float(np.ptp(self.camera.tan_x)), float(np.ptp(self.camera.tan_y)))
+        return (0.1 * length,) * len(self.names)
 
     def _basis(self, xy_K: Array) -> tuple[Array, Array]:
         """Changes of (tan_x, tan_y) by unit values (..., n, 2, s), and their slope by the column."""

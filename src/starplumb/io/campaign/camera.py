@@ -59,15 +59,16 @@ def _tabulated_camera(config: CameraConfig, source: TableSource, notices: list[s
     notices += table.notices
     if len(table) < 2:
         raise InputError(f"{source}: found one detector, wanted the look directions of at least two")
-    column, tan_x = table.numbers["column_px"], table.numbers["tan_x"]
+    column, tan = table.numbers["column_px"], table.columns("tan_x", "tan_y")
     rises = np.concatenate([[True], np.diff(column) > 0.0])
     table.require(rises, "column_px", "columns that increase")
-    one_way = np.concatenate([[True], np.diff(tan_x) * (tan_x[-1] - tan_x[0]) > 0.0])
-    table.require(one_way, "tan_x", "tangents that only rise or only fall along the line")
+    along, _ = LineScanCamera(column, tan[:, 0], tan[:, 1], (0.0, 0.0)).axes
+    one_way = np.concatenate([[True], np.diff(tan, axis=0) @ along > 0.0])
+    table.require(one_way, "tan_x", "look directions that go on and on from the first detector to the last")
     last = int(np.floor(column[-1] - pixel_shift(config))) + 1
     columns = int(_size(config, config.image_size_px or (last, 1))[0])
     column = _read_out(config, column - pixel_shift(config), 0)
     if column[0] > 0.5 or column[-1] < columns - 1.5:
         found = f"found look directions for the columns {column[0]:g} to {column[-1]:g}"
         raise InputError(f"{source}, column column_px: {found}, wanted them for 0 to {columns - 1}")
-    return LineScanCamera(column, tan_x, table.numbers["tan_y"], (float(columns), np.inf))
+    return LineScanCamera(column, tan[:, 0], tan[:, 1], (float(columns), np.inf))
