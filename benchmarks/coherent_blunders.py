@@ -28,7 +28,7 @@ from starplumb.table.geometry import observe
 from starplumb.table.observations import Observations
 from starplumb.table.simulate import Errors, measure
 
-What = Literal["pixels", "ground", "images", "late", "random", "swapped", "row", "nothing"]
+What = Literal["pixels", "ground", "images", "late", "random", "corner", "swapped", "row", "nothing"]
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,15 @@ class Blunder:
 
     @property
     def name(self) -> str:
-        unit = {"pixels": "px", "random": "px", "row": "px", "ground": "m", "images": "arcsec", "late": "s"}
+        unit = {
+            "pixels": "px",
+            "random": "px",
+            "corner": "px",
+            "row": "px",
+            "ground": "m",
+            "images": "arcsec",
+            "late": "s",
+        }
         of = "images" if self.what in ("images", "late") else "markers"
         if self.what == "nothing":
             return "nothing wrong"
@@ -65,7 +73,7 @@ class Blunder:
         if self.what == "swapped":
             return replace(o, xy_K=_swapped(o, chosen))
         move = self._directions(o.n_images, 2, rng)[o.image]
-        if self.what == "random":
+        if self.what in ("random", "corner"):
             move = rng.uniform(-1.0, 1.0, (o.n, 2))
         if self.what == "row":  # a shift that grows along the column: a wrong line rate
             move = np.stack([np.zeros(o.n), o.xy_K[:, 1] / np.std(o.xy_K[:, 1])], axis=-1)
@@ -85,7 +93,11 @@ class Blunder:
         chosen = np.zeros(o.n, dtype=bool)
         for image in range(o.n_images):
             mine = np.flatnonzero(o.image == image)
-            chosen[rng.choice(mine, round(self.share * mine.size), replace=False)] = True
+            count = round(self.share * mine.size)
+            if self.what == "corner":  # those farthest towards one corner
+                chosen[mine[np.argsort(np.sum(o.xy_K[mine], axis=-1))[mine.size - count :]]] = True
+            else:
+                chosen[rng.choice(mine, count, replace=False)] = True
         return chosen
 
 
@@ -109,6 +121,7 @@ KINDS = [
     *(Blunder("pixels", 30, share, alike=True) for share in (0.2, 0.4, 0.6)),
     *(Blunder("images", 100, share, alike=True) for share in (0.25, 0.5)),
     *(Blunder("swapped", share=share) for share in (0.3, 0.6)),
+    *(Blunder("corner", px, 0.4) for px in (10, 100)),
     *(Blunder("row", px, 1.0) for px in (3, 30)),
 ]
 
@@ -118,6 +131,7 @@ def main() -> None:
     options.add_argument("--campaigns", type=int, default=100)
     options.add_argument("--seed", type=int, default=1000)
     options.add_argument("--method", choices=["default", "gls", "robust"], default="default")
+    options.add_argument("--only", default="", help="kinds whose names begin so")
     asked = options.parse_args()
     estimator = METHODS[asked.method]()
     campaign, C_EK_true = demo("frame", 8, 1)
@@ -126,7 +140,7 @@ def main() -> None:
     )
     print(f"| {heads.replace(', ', ' | ')} |")
     print("|---|---|---|---|---|---|---|---|---|")
-    for blunder in KINDS:
+    for blunder in (blunder for blunder in KINDS if blunder.name.startswith(asked.only)):
         print(row(blunder, campaign, C_EK_true, estimator, asked.campaigns, asked.seed), flush=True)
 
 

@@ -33,7 +33,8 @@ class Default:
     * an image only if it is wrong by itself: where a larger variance, a drift or sessions explain the images as well
       (:mod:`starplumb.estimators.spread`), sightings are tested again with that spread allowed for, and none leaves for
       it;
-    * a sighting only if one of those left out is wrong beyond the same level; otherwise nothing is.
+    * a sighting only if one of those left out is wrong beyond the same level, or the others then fit as stated, or
+      with half of the variance; otherwise nothing is.
 
     Where :class:`Robust` finds no answer, that of :class:`Gls` stands for judgement.
     """
@@ -55,9 +56,11 @@ class Default:
             return plain
         found = self._within_spread(o, C_EK_model, Robust(self.gls)(o, C_EK_model))
         answered = Status(int(found.status)) in (Status.OK, Status.REFUTED)
-        if Status(int(plain.status)).usable and not (answered and self._sure(o, C_EK_model, found)):
-            return plain
-        return found
+        if not Status(int(plain.status)).usable:
+            return found
+        return (
+            found if answered and (self._calmer(plain, found) or self._sure(o, C_EK_model, found)) else plain
+        )
 
     def _fit(self, o: Observations, C_EK_model: Array, estimate: AlignmentEstimate) -> Fit:
         """The adjustment at an estimate, of the sightings it uses."""
@@ -81,10 +84,8 @@ class Default:
         """Whether chi-square is improbable, and more so than noise that is larger than stated by a factor."""
         from scipy.special import chdtrc
 
-        assert plain.chi2 is not None
-        assert plain.degrees_of_freedom is not None
-        chi2, dof = float(plain.chi2) / factor, int(plain.degrees_of_freedom)
-        return dof > 0 and chi2 > EXACT**2 * dof and float(chdtrc(dof, chi2)) < self.alpha / TESTS
+        variance, dof = _variance(plain) / factor, int(np.asarray(plain.degrees_of_freedom))
+        return dof > 0 and variance > EXACT**2 and float(chdtrc(dof, variance * dof)) < self.alpha / TESTS
 
     def _levels(self, o: Observations) -> tuple[float, float]:
         """Levels of the test of a sighting, and of an image or landmark, that keep the level of all together."""
@@ -107,6 +108,12 @@ class Default:
         stated = self.gls.estimate(fit.table, C_EK_model, fit.state)
         return replace(stated, verdict=tolerant.verdict, notes=tolerant.notes, rival=tolerant.rival)
 
+    def _calmer(self, plain: AlignmentEstimate, found: AlignmentEstimate) -> bool:
+        """Whether what is kept fits as stated, or with half of the variance: noise alone leaves no such rest."""
+        if not self._beyond(found, 1.0):
+            return self._beyond(plain, 1.0)
+        return _variance(found) < 0.5 * _variance(plain)
+
     def _sure(self, o: Observations, C_EK_model: Array, found: AlignmentEstimate) -> bool:
         """Whether something is left out that is wrong beyond the level of all tests together."""
         assert found.verdict is not None
@@ -117,3 +124,9 @@ class Default:
         return tested is not None and bool(
             np.any(excess(tested, o.weight > 0.0, *self._levels(o))[0][out] > 1.0)
         )
+
+
+def _variance(estimate: AlignmentEstimate) -> float:
+    """Chi-square of an estimate by least squares over its degrees of freedom, infinite where there are none."""
+    dof = int(np.asarray(estimate.degrees_of_freedom))
+    return float(np.asarray(estimate.chi2)) / dof if dof > 0 else np.inf
