@@ -43,19 +43,11 @@ class Blunder:
 
     @property
     def name(self) -> str:
-        unit = {
-            "pixels": "px",
-            "random": "px",
-            "corner": "px",
-            "row": "px",
-            "ground": "m",
-            "images": "arcsec",
-            "late": "s",
-        }
+        unit = {"ground": "m", "images": "arcsec", "late": "s"}.get(self.what, "px")
         of = "images" if self.what in ("images", "late") else "markers"
         if self.what == "nothing":
             return "nothing wrong"
-        size = f" {self.size:g} {unit[self.what]}" if self.size else ""
+        size = f" {self.size:g} {unit}" if self.size else ""
         return f"{self.what}{size}, {self.share:.0%} of {of}{', all alike' if self.alike else ''}"
 
     def apply(self, o: Observations, rng: np.random.Generator) -> Observations:

@@ -101,12 +101,25 @@ def test_among_images_that_scatter_a_wrong_one_and_a_wrong_sighting_still_go(rng
     assert found.verdict[0] == int(Verdict.SIGHTING)
 
 
-def test_noise_larger_than_stated_rejects_nothing(rng):
+@pytest.mark.parametrize("times", [1.5, 5.0])
+def test_noise_larger_than_stated_rejects_nothing(times, rng):
     o = observe(truth(FRAME, 8, 20))
-    table = replace(measured(o, rng), sigma_px=o.sigma_px / 1.5)
+    o = replace(o, cov_landmark_J=1e-4 * o.cov_landmark_J)
+    table = replace(measured(o, rng), sigma_px=o.sigma_px / times)
     found = Default()(table, C_EK_TRUE)
     assert not np.any(found.verdict)
     np.testing.assert_array_equal(found.C_EK, Gls()(table, C_EK_TRUE).C_EK)
+
+
+def test_most_sightings_within_a_few_pixels_wrong_are_no_larger_noise(rng):
+    o = observe(truth(FRAME, 8, 20))
+    table = measured(o, rng)
+    wrong = rng.random(o.n) < 0.6
+    moved = table.xy_K + np.where(wrong[:, None], rng.uniform(-5e-5, 5e-5, (o.n, 2)), 0.0)  # 12 px
+    found = Default()(replace(table, xy_K=moved), C_EK_TRUE)
+    assert np.mean(found.verdict[wrong] != int(Verdict.USED)) > 0.9
+    assert np.mean(found.verdict[~wrong] != int(Verdict.USED)) < 0.1
+    assert beyond(found) < 4.0
 
 
 def test_a_batch_is_its_runs(rng):

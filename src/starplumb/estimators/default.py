@@ -18,6 +18,9 @@ from .usable import EXACT
 
 Array = NDArray[np.float64]
 
+LARGER = 4.0
+"""Variance of sightings, over the stated one, up to which the noise of all is believed to be larger than stated: many
+small blunders look like it too."""
 TESTS = 4
 """Kinds of tests that may object: of sightings, of images, of landmarks, and chi-square."""
 
@@ -77,7 +80,7 @@ class Default:
             T, groups = excess(tested, seen, *self._levels(fit.table))
             if max(float(np.max(over, initial=0.0)) for over in (T[seen], *groups)) > 1.0:
                 return True
-            factor = variance_factor(tested.sightings[0][seen])
+            factor = min(LARGER, variance_factor(tested.sightings[0][seen]))
         return self._beyond(plain, factor)
 
     def _beyond(self, plain: AlignmentEstimate, factor: float) -> bool:
