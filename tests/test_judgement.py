@@ -399,7 +399,8 @@ def test_parameters_in_words(name, words):
 )
 def test_a_method_that_knows_less_than_gls_by_a_twentieth_is_said_to(times, remark):
     """Its answer is a hand's breadth from that of gls: two sigmas of gls about x."""
-    campaign = truth(FRAME, images=3, markers=4)
+    true = truth(FRAME, images=3, markers=4)
+    campaign = replace(true, C_EK=so3.exp([1e-3, 0.0, 0.0]) @ true.C_EK)
 
     def method(o, C_EK):
         gls = Gls()(o, C_EK)

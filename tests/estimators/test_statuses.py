@@ -11,7 +11,7 @@ import pytest
 
 from command import demo, starplumb
 from problems import C_EK_TRUE, FRAME, truth
-from starplumb.estimators import METHODS
+from starplumb.estimators import BEARS, METHODS, methods
 from starplumb.estimators.gls import Gls
 from starplumb.estimators.protocol import Status
 from starplumb.estimators.published.image_plane import ImagePlane
@@ -52,8 +52,14 @@ def test_markers_behind_the_camera_leave_no_method_an_answer(name, axis, rng):
 @pytest.mark.parametrize("axis", AXES)
 @pytest.mark.parametrize(
     "estimator",
-    [Gls(), Gls((LATE,)), Sequential(), Projective()],
-    ids=["gls", "clock", "sequential", "projective"],
+    [
+        *(methods()[name]() for name in METHODS if name not in ("default", "robust")),
+        *(Gls((LATE,)), Sequential(passes=1), Sequential(start="model"), Projective()),
+    ],
+    ids=[
+        *(name for name in METHODS if name not in ("default", "robust")),
+        *("clock", "one pass", "sequential from the model", "projective from the model"),
+    ],
 )
 def test_an_image_half_a_turn_off_about_any_axis_is_no_answer(estimator, axis, rng):
     """About the boresight all markers stay in front; the answers of the images then contradict each other."""
@@ -125,7 +131,7 @@ def test_known_to_ten_degrees_by_hand(sigma_deg, known):
 
 @pytest.mark.parametrize(
     ("estimator", "start"),
-    [(Gls(max_iterations=1), 0.0), (Gls((LATE,), max_iterations=1), 0.0), (Sequential(), 170.0)],
+    [(Gls(max_iterations=1), 0.0), (Gls((LATE,), max_iterations=1), 0.0), (Sequential(start="model"), 170.0)],
     ids=["gls", "clock", "sequential"],
 )
 def test_too_few_iterations_are_said(estimator, start, rng):
@@ -133,10 +139,39 @@ def test_too_few_iterations_are_said(estimator, start, rng):
     assert estimator(good(rng), so3.exp([start * DEG, 0.0, 0.0]) @ C_EK_TRUE).status == Status.NOT_CONVERGED
 
 
+@pytest.mark.parametrize("angle", [20.0, 90.0, 179.0])
+@pytest.mark.parametrize("name", BEARS)
+def test_no_start_is_too_far_from_the_closed_form(name, angle, rng):
+    """The same answer as started at the truth."""
+    table, axis = good(rng), rng.standard_normal(3)
+    far = so3.exp(angle * DEG * axis / np.linalg.norm(axis)) @ C_EK_TRUE
+    method = methods()[name]()
+    found = method(table, far)
+    assert found.status == Status.OK
+    apart = so3.log(found.C_EK @ method(table, C_EK_TRUE).C_EK.mT)
+    assert np.abs(apart).max() < 1e-4 * ARCSEC
+
+
+@pytest.mark.parametrize("angle", [0.01, 0.3, 5.0, 20.0, 90.0, 179.0])
+@pytest.mark.parametrize("name", BEARS)
+def test_an_answer_that_a_far_model_spoils_is_not_used(name, angle, rng):
+    """Started at the model it is that of a near start to within its sigma, or refused; and it says what it bears."""
+    table, axis = good(rng), rng.standard_normal(3)
+    far = so3.exp(angle * DEG * axis / np.linalg.norm(axis)) @ C_EK_TRUE
+    method = methods("model")[name]()
+    found, near = method(table, far), method(table, C_EK_TRUE)
+    assert BEARS[name] in found.notes[-1]
+    if Status(int(found.status)).usable:
+        sigma_E = Gls()(table, C_EK_TRUE).sigma_E if near.sigma_E is None else near.sigma_E
+        assert np.abs(so3.log(found.C_EK @ near.C_EK.mT) / sigma_E).max() < 2.0
+    if angle < 0.1:
+        assert Status(int(found.status)).usable
+
+
 def test_a_linear_step_too_long_to_be_one_is_said(rng):
-    """Half a radian is where linear stops: beyond it no step stands, though all markers are in front."""
+    """One step leaves half the product of two angles: 0.002 rad about the boresight, no sigma; 0.2 and 0.7, many."""
     o = good(rng)
-    for turn, status in ((0.4, Status.OK), (0.7, Status.NOT_CONVERGED)):
+    for turn, status in ((0.002, Status.OK), (0.2, Status.NOT_CONVERGED), (0.7, Status.NOT_CONVERGED)):
         found = ImagePlane()(o, so3.exp(turn * C_EK_TRUE[:, 2]) @ C_EK_TRUE)
         assert found.status == status
 

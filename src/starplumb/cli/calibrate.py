@@ -37,6 +37,12 @@ def calibrate(
             "principal_point, distortion, look_angles, time_offset, time_offset_attitude, time_offset_orbit, trackers.",
         ),
     ] = None,
+    start: Annotated[
+        str,
+        typer.Option(
+            help="Where sequential, observer and the linear methods start: closed-form, or model, as published."
+        ),
+    ] = "closed-form",
     reach_deg: Annotated[
         float, typer.Option(help="With [detections]: the largest error the model mounting may have.")
     ] = 2.0,
@@ -86,7 +92,7 @@ def calibrate(
     found = read_campaign(campaign)
     try:
         chosen = "robust" if robust and method in ("default", "gls") else method
-        result = run(found, estimate or (), chosen, reach_deg, prior)
+        result = run(found, estimate or (), chosen, reach_deg, prior, start)
     except NotIdentified as refused:
         speak.notices(found.notices)
         refused.save(out)

@@ -15,6 +15,12 @@ def compare(
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="Folder that receives compare.json.")
     ] = None,
+    start: Annotated[
+        str,
+        typer.Option(
+            help="Where sequential, observer and the linear methods start: closed-form, or model, as published."
+        ),
+    ] = "closed-form",
     json: Json = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -32,7 +38,7 @@ def compare(
 
     speak = Output(json, quiet, verbose)
     found = read_campaign(campaign)
-    comparison = run(found, lambda answers, total: speak.watched(answers, "Comparing", total))
+    comparison = run(found, lambda answers, total: speak.watched(answers, "Comparing", total), start)
     speak.notices(found.notices)
     if out is not None:
         comparison.save(out)

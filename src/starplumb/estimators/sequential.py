@@ -16,15 +16,16 @@ from ..solve.adjustment import Adjustment, solve
 from ..table.equation import linearise
 from ..table.observations import Observations
 from .protocol import AlignmentEstimate
-from .usable import determined, status_of
+from .start import Start, closed_form
+from .usable import determined, settled, status_of
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 ANY_ROTATION = np.pi
 """Sigma, rad, of a mounting of which nothing is known: no rotation is larger."""
-SETTLED = 1.0
-"""Length, in sigmas, of what the last pass may move the answer: what a further one would then move is far less."""
+ABSURD = 100.0
+"""Chi-square per degree of freedom from which one pass, of which nothing tells whether it has settled, has not."""
 LOCAL_STEPS = 3
 """Linearisations of an image as it comes in: from 1 deg off the third is at rounding."""
 
@@ -65,7 +66,8 @@ class Sequential:
     the cube of their number.
 
     ``passes``: the first runs as in flight, each image linearised, thrice, at what is known with it;
-    another runs again with all images linearised at the last answer.  ``prior_sigma`` (rad about E) of the
+    another runs again with all images linearised at the last answer.  Of several, the first begins to linearise at
+    the closed form, unless ``start`` is ``"model"``.  ``prior_sigma`` (rad about E) of the
     model mounting, by default the table's ``prior_E``, or none.  Images come in the order of ``epoch_s``,
     which a drift needs, else of their index.
 
@@ -77,6 +79,7 @@ class Sequential:
     drift: tuple[float, float, float] = (0.0, 0.0, 0.0)
     prior_sigma: tuple[float, float, float] | None = None
     passes: int = 2
+    start: Start = "closed-form"
 
     def __call__(self, observations: Observations, C_EK: Array) -> AlignmentEstimate:
         o = observations
@@ -84,19 +87,21 @@ class Sequential:
             raise InputError(f"passes: found {self.passes}, wanted 1 or more")
         batch = np.broadcast_shapes(o.batch, C_EK.shape[:-2])
         C_EK = np.broadcast_to(C_EK, (*batch, 3, 3))
-        reference, moved = None, np.zeros((*batch, 3))
-        for _ in range(self.passes):
+        moved = np.zeros((*batch, 3))
+        elsewhere = self.start == "closed-form" and self.passes > 1
+        reference = np.broadcast_to(closed_form(o, C_EK), C_EK.shape) if elsewhere else None
+        for number in range(self.passes):
             state, chi2 = self._start(o, C_EK), np.zeros(batch)
-            for after, cost in self._images(o, state, reference):
+            for after, cost in self._images(o, state, reference, 1 if number else LOCAL_STEPS):
                 state, chi2 = after, chi2 + cost
             moved = np.zeros((*batch, 3)) if reference is None else so3.log(state.C_EK @ reference.mT)
             reference = state.C_EK
         P = state.covariance_E
         known = determined(P)
-        settled = np.sum(moved * np.linalg.solve(P, moved[..., None])[..., 0], axis=-1) < SETTLED**2
-        status = status_of(o, state.C_EK, determined=known, converged=settled, chi2=chi2)
         seen = np.broadcast_to(np.sum(o.weight > 0.0, axis=-1), batch)
         dof = 2 * seen - (3 if self._prior(o) is None else 0)
+        converged = settled(moved, P) if self.passes > 1 else chi2 < ABSURD * np.maximum(dof, 1)
+        status = status_of(o, state.C_EK, determined=known, converged=converged, chi2=chi2)
         P = np.where(known[..., None, None], P, np.inf)
         notes = ("image after image; the same as gls while the mounting does not drift",)
         return AlignmentEstimate(state.C_EK, P, status, np.full(batch, self.passes), chi2, dof, notes=notes)
@@ -105,7 +110,7 @@ class Sequential:
         """The state after each image in time order, as in flight (one pass)."""
         batch = np.broadcast_shapes(observations.batch, C_EK.shape[:-2])
         start = self._start(observations, np.broadcast_to(C_EK, (*batch, 3, 3)))
-        return (state for state, _ in self._images(observations, start, None))
+        return (state for state, _ in self._images(observations, start, None, LOCAL_STEPS))
 
     def _prior(self, o: Observations) -> Array | None:
         return o.prior_E if self.prior_sigma is None else np.diag(np.square(self.prior_sigma))
@@ -122,10 +127,10 @@ class Sequential:
         )
 
     def _images(
-        self, o: Observations, state: State, reference: Array | None
+        self, o: Observations, state: State, reference: Array | None, steps: int
     ) -> Iterator[tuple[State, Array]]:
-        """States after each image and what the image adds to chi-square; linearised at the reference or the
-        state."""
+        """States after each image and what the image adds to chi-square; linearised so many times, first at the
+        reference or the state."""
         if any(self.drift) and o.epoch_s is None:
             raise InputError(
                 "sequential: found a drift but no epoch_s in the table, wanted the epochs of the images"
@@ -141,7 +146,7 @@ class Sequential:
             last_s = epoch_s[image]
             part = _one_image(o, rows, image, repeated)
             before, C_lin = state, state.C_EK if reference is None else reference
-            for _ in range(LOCAL_STEPS if reference is None else 1):
+            for _ in range(steps):
                 state, cost = _update(part, o, rows, repeated, before, C_lin)
                 C_lin = state.C_EK
             yield state, cost

@@ -18,11 +18,27 @@ EXACT = 1.02
 changes nothing."""
 SINGULAR_SIGMA = 10.0 * DEG
 """An alignment known no better than this is not determined: a covariance of linear errors means nothing there."""
+SETTLED = 1.0
+"""Length, in sigmas, of what one more step may move an answer."""
+TIMES = 10.0
+"""Misfit, in sigmas of single sightings, from which no stated error explains it."""
+NEARLY = 0.5
+"""Misfit, in sigmas of single sightings, that an answer may have beyond that of the closed form."""
+REACH = 3.0
+"""Sigmas of an answer within which it may lie from the closed form."""
 
 
 def determined(covariance_E: Array) -> Mask:
     """Where a covariance (..., 3, 3) says that the alignment is known: finite, root sum of squares below 10 deg."""
     return np.asarray(np.trace(covariance_E, axis1=-2, axis2=-1) < SINGULAR_SIGMA**2)
+
+
+def settled(move_E: Array, covariance_E: Array) -> Mask:
+    """Where one more step, move_E (..., 3) rad, is shorter than the sigma of its answer, covariance_E (..., 3, 3)."""
+    known = determined(covariance_E)
+    P = np.where(known[..., None, None], covariance_E, np.eye(3))
+    length2 = np.sum(move_E * np.linalg.solve(P, move_E[..., None])[..., 0], axis=-1)
+    return np.asarray(~known | (length2 < SETTLED**2))
 
 
 def status_of(
@@ -32,16 +48,61 @@ def status_of(
     determined: Mask,
     converged: Mask | bool = True,
     chi2: Array | None = None,
+    covariance_E: Array | None = None,
 ) -> NDArray[np.int64]:
     """Status (...) of answers C_EK (..., 3, 3): OK, SINGULAR or NOT_CONVERGED.
 
     SINGULAR where the observations do not determine the alignment (``determined``, see :func:`determined`).
     NOT_CONVERGED where the iterations did not settle, where the mounting or chi-square is not a number, or where a
-    sighting in the solution lies behind the camera: no camera sees that, so the answer cannot be the true one.
+    sighting in the solution lies behind the camera: no camera sees that, so the answer cannot be the true one.  A
+    method without chi-square is asked besides whether its answer :func:`fits <fits>`.
     """
     ahead = in_front(C_EK, observations.e_E) | (observations.weight == 0.0)
-    settled = converged & np.all(ahead, axis=-1) & np.all(np.isfinite(C_EK), axis=(-2, -1))
-    if chi2 is not None:
-        settled = settled & np.isfinite(chi2)
-    answered = np.where(settled, int(Status.OK), int(Status.NOT_CONVERGED))
+    sound = converged & np.all(ahead, axis=-1) & np.all(np.isfinite(C_EK), axis=(-2, -1))
+    sound = sound & (fits(observations, C_EK, covariance_E) if chi2 is None else np.isfinite(chi2))
+    answered = np.where(sound, int(Status.OK), int(Status.NOT_CONVERGED))
     return np.asarray(np.where(determined, answered, int(Status.SINGULAR)))
+
+
+def fits(observations: Observations, C_EK: Array, covariance_E: Array | None = None) -> Mask:
+    """Whether the misfit of answers C_EK (..., 3, 3) is one that the stated errors allow.
+
+    The mean square ``m^2`` of ``|e_E - C_EK e_K|`` is held against that of what is stated for single sightings, s^2,
+    shared errors included, and against the least that any rotation has, that of the closed form::
+
+        m^2 < (10 s)^2 + 3^2 tr P   and   m^2 < m_least^2 + (s / 2)^2 + 3^2 tr P
+
+    with P the covariance that the method states, if any.  ``m_least^2 = 2 (1 - (s_1 + s_2 + d s_3) / n)``, s_i the
+    singular values of ``sum w e_E e_K^T / n`` and d the sign of its determinant.
+    """
+    o = observations
+    w = o.weight / np.maximum(np.sum(o.weight, axis=-1, keepdims=True), 1e-300)
+    apart = np.sum((o.e_K @ C_EK.mT - o.e_E) ** 2, axis=-1)
+    m2 = np.sum(w * apart, axis=-1)
+    stated = np.sum(w * _stated(o), axis=-1)
+    room = NEARLY**2 * stated
+    good = np.asarray(m2 <= room)
+    if np.all(good):
+        return good
+    if covariance_E is not None:
+        spread = np.trace(covariance_E, axis1=-2, axis2=-1)
+        room = room + REACH**2 * np.where(np.isfinite(spread), spread, 0.0)
+    B = (w[..., None] * o.e_E).mT @ o.e_K
+    B = np.where(np.isfinite(B), B, 0.0)
+    S = np.linalg.svd(B, compute_uv=False)
+    least = 2.0 * (1.0 - S[..., 0] - S[..., 1] - np.sign(np.linalg.det(B)) * S[..., 2])
+    return np.asarray(m2 < room + np.minimum(TIMES**2 * stated, np.maximum(least, 0.0)))
+
+
+def _stated(o: Observations) -> Array:
+    """Variance (..., n) rad^2 of all stated errors of a sighting, summed over its axes."""
+
+    def trace(covariance: Array) -> Array:
+        return np.asarray(np.trace(covariance, axis1=-2, axis2=-1))
+
+    slope2 = np.sum(o.slope_K**2, axis=(-2, -1)) + np.sum(o.row_rate_E**2, axis=-1)
+    places = trace(o.cov_position_J)[..., o.image] + trace(o.cov_landmark_J)[..., o.landmark]
+    variance = trace(o.cov_attitude_E)[..., o.image] + places / o.range_m**2 + o.sigma_px**2 * slope2
+    if o.common_px is not None:
+        variance = variance + slope2 * np.sum(o.common_px**2, axis=(-2, -1))
+    return np.asarray(variance)

@@ -28,6 +28,7 @@ class Wahba:
     def __call__(self, observations: Observations, C_EK: Array) -> AlignmentEstimate:
         weighted_e_E = observations.weight[..., None] * observations.e_E
         B = weighted_e_E.mT @ observations.e_K
+        B = np.where(np.all(np.isfinite(B), axis=(-2, -1), keepdims=True), B, 0.0)  # and so singular
         U, S, Vt = np.linalg.svd(B)
         sign = np.sign(np.linalg.det(U) * np.linalg.det(Vt))
         U = U * np.stack([np.ones_like(sign), np.ones_like(sign), sign], axis=-1)[..., None, :]

@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from time import perf_counter
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..estimators import METHODS
-from ..estimators.campaign_table import table_of
 from ..estimators.gls import Gls
 from ..estimators.protocol import AlignmentEstimate, Estimator, Status
 from ..physics import so3
-from ..physics.errors import InputError
 from ..table.campaign import Campaign
 from ..table.observations import Observations
+from .calibrate import Calibration, calibrate
 
 Array = NDArray[np.float64]
 
@@ -25,10 +24,10 @@ Array = NDArray[np.float64]
 class Answer:
     """What one method makes of a campaign.
 
-    ``correction_E`` (3,) rad of ``C_EK = exp(d) C_EK_model``; ``sigma_E`` (3,) rad with every stated error in it
-    and ``naive_sigma_E`` as the method's own equations have it, None where it states none; ``from_gls`` (3,) its
-    difference from gls in units of the sigma of gls, NaN where either must not be used; ``seconds`` of computing;
-    ``remarks`` one short sentence each.
+    ``status`` is that of the judgement, as ``calibrate`` has it.  ``correction_E`` (3,) rad of
+    ``C_EK = exp(d) C_EK_model``; ``sigma_E`` (3,) rad with every stated error in it and ``naive_sigma_E`` as the
+    method's own equations have it, None where it states none; ``from_gls`` (3,) its difference from gls in units of
+    the sigma of gls, NaN where either must not be used; ``seconds`` of computing; ``remarks`` one short sentence each.
     """
 
     method: str
@@ -54,24 +53,30 @@ def compare(
 
 def answers(campaign: Campaign, methods: Mapping[str, Callable[[], Estimator]] = METHODS) -> Iterator[Answer]:
     """The same, method by method: on large campaigns some take minutes."""
-    used = ~campaign.sightings.check
-    if not np.any(used):
-        raise InputError(
-            f"campaign {campaign.name!r} has no observation with role control; wanted at least two markers"
-        )
-    observations = table_of(campaign).select(used)
-    gls = Gls()(observations, campaign.C_EK)
+    gls = _Timed(Gls())
+    calibrate(campaign, gls)
     for name, method in methods.items():
-        yield _answer(name, method(), observations, campaign.C_EK, gls)
+        timed = _Timed(method())
+        yield _answer(name, calibrate(campaign, timed), timed, gls.estimate)
 
 
-def _answer(
-    name: str, estimator: Estimator, observations: Observations, C_EK: Array, gls: AlignmentEstimate
-) -> Answer:
-    start = perf_counter()
-    estimate = estimator(observations, C_EK)
-    seconds = perf_counter() - start
-    status = Status(int(estimate.status))
+@dataclass
+class _Timed:
+    """An estimator that keeps its estimate and how long it took."""
+
+    method: Estimator
+    seconds: float = 0.0
+    estimate: AlignmentEstimate = field(init=False)
+
+    def __call__(self, observations: Observations, C_EK: Array) -> AlignmentEstimate:
+        start = perf_counter()
+        self.estimate = self.method(observations, C_EK)
+        self.seconds = perf_counter() - start
+        return self.estimate
+
+
+def _answer(name: str, judged: Calibration, timed: _Timed, gls: AlignmentEstimate) -> Answer:
+    estimate, status = timed.estimate, judged.status
     from_gls = np.full(3, np.nan)
     if status.usable and Status(int(gls.status)).usable and gls.sigma_E is not None:
         from_gls = so3.log(estimate.C_EK @ gls.C_EK.mT) / gls.sigma_E
@@ -79,13 +84,19 @@ def _answer(
         method=name,
         status=status,
         C_EK=estimate.C_EK,
-        correction_E=so3.log(estimate.C_EK @ C_EK.mT),
+        correction_E=so3.log(estimate.C_EK @ judged.campaign.C_EK.mT),
         sigma_E=estimate.sigma_E if status.usable else None,
         naive_sigma_E=estimate.naive_sigma_E,
         from_gls=from_gls,
-        seconds=seconds,
-        remarks=_remarks(estimate, gls),
+        seconds=timed.seconds,
+        remarks=(*_judgement(judged, estimate), *_remarks(estimate, gls)),
     )
+
+
+def _judgement(judged: Calibration, estimate: AlignmentEstimate) -> tuple[str, ...]:
+    """What weighs most where the campaign's data make a method's answer worse than the method knows."""
+    worse = judged.status is not Status.OK and Status(int(estimate.status)).usable
+    return (f"{judged.status.name.lower()}: {judged.sentences[0]}",) if worse and judged.sentences else ()
 
 
 def _remarks(estimate: AlignmentEstimate, gls: AlignmentEstimate) -> tuple[str, ...]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from ..estimators import METHODS
+from ..estimators import BEARS, METHODS, methods
 from ..estimators.protocol import Estimator
 from ..io.text.files import nearest
 from ..judge.calibrate import calibrate as run
@@ -29,6 +29,7 @@ Method = Annotated[
     str | Estimator,
     Wanted("the name of a method or an estimator", lambda value: not isinstance(value, type)),
 ]
+Starting = Annotated[str, Wanted("closed-form or model", lambda value: value in ("closed-form", "model"))]
 Reach = Annotated[
     float, Wanted("the largest error of the mounting, 0 to 10", lambda value: 0.0 < value <= 10.0)
 ]
@@ -69,6 +70,7 @@ def calibrate(
     method: Method = "default",
     reach_deg: Reach = 2.0,
     prior: Result | str | Path | None = None,
+    start: Starting = "closed-form",
 ) -> Result:
     """Estimate the mounting of a campaign and judge the answer.
 
@@ -77,20 +79,23 @@ def calibrate(
     ``reach_deg`` is the largest error that the mounting may have where detections must be matched with landmarks first.
     ``prior`` is an earlier result, or the path of its ``result.json``: its mounting is then the model, known with its
     whole covariance.  Landmarks seen in both campaigns would count twice; the sum of their ``normals.json`` does not.
-    Raises InputError where something asked for cannot be given, NotIdentified where no match is found.  An answer that
-    must not be used is returned like any other: look at ``status``, or call ``raise_if_unusable``.
+    ``start="model"`` has a method that starts somewhere do so at the model mounting, as published, in place of the
+    closed form.  Raises InputError where something asked for cannot be given, NotIdentified where no match is found.
+    An answer that must not be used is returned like any other: look at ``status``, or call ``raise_if_unusable``.
     """
     name = method if isinstance(method, str) else type(method).__name__
     wanted = [estimate] if isinstance(estimate, str) else estimate
     campaign = campaign if prior is None else with_prior(campaign, prior)
-    estimator = estimator_of(method, wanted, campaign.loaded.campaign)
+    estimator = estimator_of(method, wanted, campaign.loaded.campaign, start)
     found = identify(campaign, reach_deg)
     if found.labels is not None and found.labels.refusal:
         raise NotIdentified(campaign, found.labels, name)
     return Result(found.campaign, run(found.campaign.loaded.campaign, estimator), name, found.labels)
 
 
-def estimator_of(method: str | Estimator, estimate: Sequence[str], campaign: Physics) -> Estimator:
+def estimator_of(
+    method: str | Estimator, estimate: Sequence[str], campaign: Physics, start: str = "closed-form"
+) -> Estimator:
     """The estimator of a method's name, with further parameters beside the alignment.
 
     Raises InputError for an unknown method or parameter.
@@ -109,8 +114,13 @@ def estimator_of(method: str | Estimator, estimate: Sequence[str], campaign: Phy
         return method
     if method not in METHODS:
         raise ArgumentError("method", f"found {method!r}, wanted one of {', '.join(METHODS)}{_hint(method)}")
+    if start == "model" and method not in BEARS:
+        raise ArgumentError(
+            "start",
+            f"found model with the method {method}, which needs no start; wanted one of {', '.join(BEARS)}",
+        )
     if not wanted:
-        return METHODS[method]()
+        return methods(start)[method]()
     if method not in WITH_PARAMETERS:
         raise ArgumentError(
             "estimate",

@@ -11,13 +11,14 @@ from typing import Any
 from numpy.typing import NDArray
 
 from ..documents.numbers import numbers
-from ..estimators import METHODS
+from ..estimators import METHODS, methods
 from ..judge.compare import Answer, answers
 from ..physics import so3
 from ..physics.errors import AlignmentFailed
 from ..physics.units import ARCSEC
 from ..report.page import Table
 from .arguments import Folder, checked
+from .calibration import Starting
 from .campaign import Campaign
 from .frames import Frame
 from .show import Shown
@@ -48,10 +49,10 @@ class Comparison(Shown):
         }
 
     def raise_if_unusable(self) -> None:
-        """Raise AlignmentFailed where ``gls``, with which all are compared, has no usable answer."""
-        gls = next(answer for answer in self.answers if answer.method == "gls")
-        if not gls.status.usable:
-            raise AlignmentFailed(f"{self.campaign.source}: {gls.status.text}")
+        """Raise AlignmentFailed where the default method has no usable answer."""
+        default = next(answer for answer in self.answers if answer.method == "default")
+        if not default.status.usable:
+            raise AlignmentFailed(f"{self.campaign.source}: {default.status.text}")
 
     @checked
     def save(self, folder: Folder) -> None:
@@ -90,13 +91,17 @@ class Comparison(Shown):
 
 
 @checked
-def compare(campaign: Campaign, watch: Watch = lambda found, _total: found) -> Comparison:
+def compare(
+    campaign: Campaign, watch: Watch = lambda found, _total: found, start: Starting = "closed-form"
+) -> Comparison:
     """All methods on one campaign: correction, sigma, difference from gls, time, and what each leaves out.
 
-    Raises InputError where there is nothing to use.
+    ``start="model"`` has those that start somewhere do so at the model mounting, as published, in place of the closed
+    form.  Raises InputError where there is nothing to use.
     """
     campaign.require_observations()
-    return Comparison(campaign, tuple(watch(answers(campaign.loaded.campaign), len(METHODS))))
+    found = answers(campaign.loaded.campaign, methods(start))
+    return Comparison(campaign, tuple(watch(found, len(METHODS))))
 
 
 def _error(answer: Answer, C_EK_true: Array) -> Array:

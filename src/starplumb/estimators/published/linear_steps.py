@@ -22,7 +22,7 @@ from ...physics.units import ARCMIN, ARCSEC
 from ...table.equation import linearise
 from ...table.observations import Observations
 from ..protocol import AlignmentEstimate, Status, without_prior
-from ..usable import determined, status_of
+from ..usable import determined, settled, status_of
 
 Array = NDArray[np.float64]
 Bool = NDArray[np.bool_]
@@ -160,7 +160,8 @@ def estimate(
     """Linear steps of a method, each about the mounting that the last corrected, ``C <- exp(d_E) C``.
 
     The covariance belongs to the last step, to first order in it.  A last step beyond linearising counts as one that
-    has not converged.
+    has not converged, and so does an answer that one more step would move by its sigma; without a covariance that is
+    not looked at.
     """
     if iterations < 1:
         raise InputError(f"iterations: found {iterations}, wanted 1 or more")
@@ -178,8 +179,10 @@ def estimate(
         P = naive if P is None else P
         known = known & determined(P)
         P = np.where(known[..., None, None], P, np.inf)
-    settled = np.sum(d_E * d_E, axis=-1) < STEP_LIMIT**2
-    status = status_of(observations, C, determined=known, converged=settled)
+    converged = np.sum(d_E * d_E, axis=-1) < STEP_LIMIT**2
+    if P is not None:
+        converged = converged & settled(_step(method(observations, C), observations.weight), P)
+    status = status_of(observations, C, determined=known, converged=converged, covariance_E=P)
     return LinearEstimate(
         C_EK=C,
         covariance_E=P,
@@ -189,6 +192,11 @@ def estimate(
         notes=without_prior(observations, "its weights ignore that an image's markers share errors"),
         C_EK_model=np.broadcast_to(C_EK, C.shape),
     )
+
+
+def _step(equations: Equations, weight: Array) -> Array:
+    """The correction d_E (..., 3) that equations ask for."""
+    return np.asarray((equations.T @ Normal.of(equations, weight).solve()[0][..., None])[..., 0])
 
 
 def gains(equations: Equations, inverse: Array, weight: Array) -> Array:

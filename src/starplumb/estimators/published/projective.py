@@ -87,8 +87,8 @@ class Projective:
             C_before, C = C, so3.exp(d_E) @ C
         P = propagate(o, C_before, gain)
         known = solved & determined(P)
-        settled = (np.sum(d_E * d_E, axis=-1) < STEP_LIMIT**2) & (apart < STEP_LIMIT)
-        status = status_of(o, C, determined=known, converged=settled)
+        converged = (np.sum(d_E * d_E, axis=-1) < STEP_LIMIT**2) & (apart < STEP_LIMIT)
+        status = status_of(o, C, determined=known, converged=converged, covariance_E=P)
         r_J = np.full((*batch, o.n_images, 3), np.nan)
         for fit in fits:
             r_J[..., fit.image, :] = np.where(fit.solved[..., None], fit.r_J, np.nan)
