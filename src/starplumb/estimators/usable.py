@@ -24,8 +24,8 @@ TIMES = 10.0
 """Misfit, in sigmas of single sightings, from which no stated error explains it."""
 NEARLY = 0.5
 """Misfit, in sigmas of single sightings, that an answer may have beyond that of the closed form."""
-REACH = 3.0
-"""Sigmas of an answer within which it may lie from the closed form."""
+REACH = 6.0
+"""Sigmas of an answer within which it may lie from the closed form: beyond, once in 1e8."""
 
 
 def determined(covariance_E: Array) -> Mask:
@@ -70,7 +70,7 @@ def fits(observations: Observations, C_EK: Array, covariance_E: Array | None = N
     The mean square ``m^2`` of ``|e_E - C_EK e_K|`` is held against that of what is stated for single sightings, s^2,
     shared errors included, and against the least that any rotation has, that of the closed form::
 
-        m^2 < (10 s)^2 + 3^2 tr P   and   m^2 < m_least^2 + (s / 2)^2 + 3^2 tr P
+        m^2 < (10 s)^2 + 6^2 tr P   and   m^2 < m_least^2 + (s / 2)^2 + 6^2 tr P
 
     with P the covariance that the method states, if any.  ``m_least^2 = 2 (1 - (s_1 + s_2 + d s_3) / n)``, s_i the
     singular values of ``sum w e_E e_K^T / n`` and d the sign of its determinant.
