@@ -101,6 +101,11 @@ def test_errors_over_sigma_are_one_by_axis_where_they_were_five(tmp_path, rng):
     trials = 200
     true = write(tmp_path, Case(), rng)
     text = (tmp_path / "campaign.toml").read_text().replace("sigma_m = 3.0", "sigma_m = 0.1")
+    # what is not drawn is stated as next to nothing
+    for name, old, new in (("obs.csv", ",0.2\n", ",0.002\n"), ("lm.csv", ",1.0\n", ",0.01\n")):
+        table = (tmp_path / name).read_text()
+        assert old in table
+        (tmp_path / name).write_text(table.replace(old, new))
     stated = 'sigma_arcsec = [6.0, 6.0, 40.0], sigma_frame = "head"'
     campaigns = {}
     for name, words in (("right", stated), ("about the body", "sigma_arcsec = [6.0, 6.0, 40.0]")):
