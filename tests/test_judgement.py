@@ -298,6 +298,13 @@ def test_the_aberration_switch_is_wrong_from_a_gain_of_12_and_confirmed_from_a_l
     assert all(said in f.sentence for f in found)
 
 
+@pytest.mark.parametrize(("after", "wrong"), [(1000.0, False), (125.0 * 4.0, False), (125.0, True)])
+def test_a_gain_that_larger_residuals_explain_accuses_no_switch(table, after, wrong):
+    """A chi-square smaller by 20 is news at 1 per degree of freedom; at 4 and at 8 it is what 5 and 2.5 are there."""
+    (found,) = about_the_switch(table, 0.0 * X_K, 5.0 * X_K, (after + 20.0, after))
+    assert ("looks wrong" in found.sentence) is wrong
+
+
 @pytest.mark.parametrize(("shift_arcsec", "said"), [(1.9, False), (2.1, True)])
 def test_a_switch_that_moves_the_boresight_by_less_than_2_arcsec_is_not_worth_a_sentence(
     table, shift_arcsec, said

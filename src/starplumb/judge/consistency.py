@@ -153,9 +153,14 @@ def _prior(o: Observations, C_EK_model: Array, estimate: AlignmentEstimate) -> F
 
 def _absurd(estimate: AlignmentEstimate) -> bool:
     """Whether an estimate fits so badly that its chi-square is no argument."""
+    return _factor(estimate) > ABSURD
+
+
+def _factor(estimate: AlignmentEstimate) -> float:
+    """Chi-square per degree of freedom; 0 where the method has none."""
     if estimate.chi2 is None or estimate.degrees_of_freedom is None:
-        return False
-    return float(estimate.chi2) > ABSURD * max(int(estimate.degrees_of_freedom), 1)
+        return 0.0
+    return float(estimate.chi2) / max(int(estimate.degrees_of_freedom), 1)
 
 
 def _aberration(
@@ -165,7 +170,8 @@ def _aberration(
 
     In views that all look the same way the aberration is a constant rotation of about 5 arcsec and disappears in the
     alignment.  Then both corrections are named, and the stated switch is suspected where the opposite one would leave a
-    correction smaller by much of that rotation: the sign that the aberration is in twice, or not at all.
+    correction smaller by much of that rotation: the sign that the aberration is in twice, or not at all.  What counts as
+    a gain in chi-square grows with the residuals, where these are larger than stated.
     """
     if estimate.chi2 is None or not np.all(np.any(o.v_J, axis=-1)):
         return None
@@ -178,7 +184,7 @@ def _aberration(
     words = f"aberration = {'true' if stated else 'false'}", f"aberration = {'false' if stated else 'true'}"
     if _absurd(estimate) and _absurd(opposite):
         return None
-    gain = float(estimate.chi2 - opposite.chi2)
+    gain = float(estimate.chi2 - opposite.chi2) / max(1.0, _factor(opposite))
     if gain > DECISIVE:
         return Finding(
             f"the switch {words[0]} looks wrong: {words[1]} explains the data better "
