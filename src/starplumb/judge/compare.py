@@ -9,7 +9,7 @@ from time import perf_counter
 import numpy as np
 from numpy.typing import NDArray
 
-from ..estimators import METHODS
+from ..estimators import methods as all_methods
 from ..estimators.gls import Gls
 from ..estimators.protocol import AlignmentEstimate, Estimator, Status
 from ..physics import so3
@@ -42,7 +42,7 @@ class Answer:
 
 
 def compare(
-    campaign: Campaign, methods: Mapping[str, Callable[[], Estimator]] = METHODS
+    campaign: Campaign, methods: Mapping[str, Callable[[], Estimator]] | None = None
 ) -> tuple[Answer, ...]:
     """Run every method, with its default options, on the control points of a campaign.
 
@@ -51,11 +51,13 @@ def compare(
     return tuple(answers(campaign, methods))
 
 
-def answers(campaign: Campaign, methods: Mapping[str, Callable[[], Estimator]] = METHODS) -> Iterator[Answer]:
+def answers(
+    campaign: Campaign, methods: Mapping[str, Callable[[], Estimator]] | None = None
+) -> Iterator[Answer]:
     """The same, method by method: on large campaigns some take minutes."""
     gls = _Timed(Gls())
     calibrate(campaign, gls)
-    for name, method in methods.items():
+    for name, method in (methods or all_methods()).items():
         timed = _Timed(method())
         yield _answer(name, calibrate(campaign, timed), timed, gls.estimate)
 

@@ -170,8 +170,8 @@ def _aberration(
 
     In views that all look the same way the aberration is a constant rotation of about 5 arcsec and disappears in the
     alignment.  Then both corrections are named, and the stated switch is suspected where the opposite one would leave a
-    correction smaller by much of that rotation: the sign that the aberration is in twice, or not at all.  What counts as
-    a gain in chi-square grows with the residuals, where these are larger than stated.
+    correction smaller by much of that rotation: the sign that the aberration is in twice, or not at all.
+    What counts as a gain in chi-square grows with the residuals, where these are larger than stated.
     """
     if estimate.chi2 is None or not np.all(np.any(o.v_J, axis=-1)):
         return None

@@ -45,7 +45,8 @@ class LinearEstimate(AlignmentEstimate):
 
     def describe(self, C_EK_best: Array) -> tuple[str, ...]:
         """What the initial error does to the answer, then the notes."""
-        if not Status(int(self.status)).usable:
+        status = Status(int(self.status))
+        if status is Status.SINGULAR:
             return super().describe(C_EK_best)
         theta_E = so3.log(self.C_EK_model @ C_EK_best.mT)
         theta = float(np.linalg.norm(theta_E)) / ARCMIN
@@ -55,7 +56,7 @@ class LinearEstimate(AlignmentEstimate):
         else:
             bias = f"{linear_bias(C_EK_best[:, 2], theta_E) / ARCSEC:.2g} arcsec"
             step = f"one linear step: biased by up to {bias} at this initial error ({theta:.3g} arcmin)"
-        return (step, *self.notes)
+        return (step, *self.notes) if status.usable else (status.text, step)
 
 
 def linear_bias(z_E: Array, theta_E: Array) -> float:
