@@ -49,6 +49,7 @@ def written(campaign, result):
     return [
         result,
         sp.calibrate(campaign, method="wahba").document,
+        sp.calibrate(campaign, ["focal_length"]).normals,
         sp.compare(campaign).document,
         sp.diagnose(campaign).document,
         sp.budget(scenario, "gls,wahba", target_arcsec=1.0).document,

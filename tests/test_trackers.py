@@ -498,7 +498,7 @@ BAD = {
     ),
     "unknown": (
         (STR_2, STR_2 + "noise = 3\n"),
-        "trackers.1.noise: unknown key, wanted one of file",
+        "trackers.1.noise: unknown key, wanted one of ",
     ),
 }
 
