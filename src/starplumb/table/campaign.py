@@ -142,16 +142,16 @@ class Detections:
 class Campaign:
     """Everything one calibration is made from.
 
-    ================== =================== ==================================================================
-    C_EK               (3, 3)              model mounting, that is to be corrected
-    sigma_mounting     (3,) or None        prior knowledge of its error about E's axes, rad; None for nothing
-    sigma_position     (3,)                position error an image's markers share, m, along ``position_frame``
-    cov_attitude_E     (3, 3), (m, 3, 3)   of the attitude error an image's markers share, about E's axes, rad^2
-    orientation                            of the Earth; needed where ``position_frame`` is inertial
-    covariance_mounting (3, 3) or None     the whole covariance of that error, rad^2, in place of sigma_mounting
-    attitude_errors                        what is stated of who shares an error of attitude
-    position_errors                        the same of the position error
-    ================== =================== ==================================================================
+    =================== =================== ==================================================================
+    C_EK                (3, 3)              model mounting, that is to be corrected
+    sigma_mounting      (3,) or None        prior knowledge of its error about E's axes, rad; None for nothing
+    sigma_position      (3,)                position error an image's markers share, m, along ``position_frame``
+    cov_attitude_E      (3, 3), (m, 3, 3)   of the attitude error an image's markers share, about E's axes, rad^2
+    orientation                             of the Earth; needed where ``position_frame`` is inertial
+    covariance_mounting (3, 3) or None      the whole covariance of that error, rad^2, in place of sigma_mounting
+    attitude_errors                         what is stated of who shares an error of attitude
+    position_errors                         the same of the position error
+    =================== =================== ==================================================================
     """
 
     name: str
