@@ -16,8 +16,10 @@ from starplumb.estimators.protocol import Status
 from starplumb.io.campaign.read import load_campaign
 from starplumb.io.campaign.write import write_campaign
 from starplumb.judge.calibrate import calibrate
+from starplumb.judge.files import digits as digits_module
 from starplumb.judge.files.digits import _quaternions, _step_px
 from starplumb.judge.files.evidence import growth, listed, worst
+from starplumb.judge.files.findings import findings_of_files
 from starplumb.judge.files.image_errors import ImageErrors, OwnErrors
 from starplumb.judge.files.places import places
 from starplumb.judge.files.sampling import between, left_out
@@ -403,6 +405,21 @@ def test_digits_of_latitudes(tmp_path, decimals, said):
     table.write_text(degrees(decimals)(table.read_text()))
     done = calibrate(load_campaign(path).campaign, Gls())
     assert ("the places of the landmarks are whole multiples of 0.001 deg" in done.message) is said
+
+
+@pytest.mark.parametrize(("share", "said"), [(0.3, False), (0.4, True)])
+def test_sightings_left_by_choice_do_not_speak_against_rounding(share, said, monkeypatch):
+    """They fit because others were rejected that did not, here from a third of all on."""
+    campaign, C_EK_true = demo("frame", 8, 251)
+    o = observe(campaign)
+    control = np.flatnonzero(~campaign.sightings.check)
+    weight = o.weight.copy()
+    weight[control[: int(share * control.size)]] = 0.0
+    monkeypatch.setattr(
+        digits_module, "decimal_step", lambda values, fuzz=0.0: 1e-2 if fuzz == 2e-10 else 0.0
+    )
+    found = findings_of_files(campaign, replace(o, weight=weight), C_EK_true, 1e-12 * np.eye(3))
+    assert any("the places of the landmarks" in evidence.text for evidence in found) is said
 
 
 def test_digits_of_pixels():

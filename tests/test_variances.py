@@ -13,6 +13,7 @@ from starplumb.documents.from_calibration import result_document
 from starplumb.estimators.gls import Gls
 from starplumb.judge import calibrate as judge
 from starplumb.judge.scatter.from_data import (
+    SIGHTINGS,
     FromData,
     ImageRotations,
     SourceFound,
@@ -298,3 +299,29 @@ def test_the_larger_sigma_leads(monkeypatch, rng):
     assert sources["attitude across its weak axis"]["ratio"] > 1.3
     assert document["span"]["first"] < document["span"]["last"]
     assert {image["pass"] for image in document["images"]} == {"1"}
+
+
+def of_one(kind, ratio, p):
+    """What is found of a source that is stated as 5 arcsec."""
+    return SourceFound(kind, kind, "arcsec", 5.0, 5.0 * ratio, ratio, (0.8 * ratio, 1.5 * ratio), p)
+
+
+@pytest.mark.parametrize(
+    ("attitude", "sightings", "words"),
+    [
+        # the marker's errors explain the scatter of the images too: only they are larger than stated
+        ((0.03, 1e-18), (3.7, 1e-40), ["sightings is 3.7"]),
+        ((1.1, 1e-18), (3.7, 1e-40), ["sightings is 3.7"]),
+        ((1.1, 1e-18), (1.0, 0.4), ["attitude is 1.1 "]),
+        ((2.0, 1e-18), (3.7, 1e-40), ["attitude is 2 ", "sightings is 3.7"]),
+        # nothing that is stated explains it
+        ((0.03, 1e-18), (1.0, 0.4), ["no variance of what is stated explains it"]),
+        # smaller than stated is a hint, whatever the others are
+        ((0.3, 1.0 - 1e-6), (3.7, 1e-40), ["attitude is 0.3 ", "sightings is 3.7"]),
+    ],
+)
+def test_what_another_source_explains_is_not_called_larger_than_stated(attitude, sightings, words):
+    sources = (of_one("attitude", *attitude), of_one(SIGHTINGS, *sightings))
+    said = [finding.sentence for finding in findings_of_sources(FromData(20, None, None, sources), 20)]
+    assert len(said) == len(words)
+    assert all(word in sentence for word, sentence in zip(words, said, strict=True))

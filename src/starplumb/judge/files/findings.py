@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,9 @@ from .sharing import close_in_time, trackers
 
 Array = NDArray[np.float64]
 
+CHOSEN = 1.0 / 3.0
+"""Share of the control sightings from which on those that are rejected make the others fit by choice."""
+
 
 def findings_of_files(
     campaign: Campaign,
@@ -31,7 +35,9 @@ def findings_of_files(
     ``observations`` is the whole table of the campaign, in its order, with weight 0 for what has no part in the answer;
     ``estimated`` names what was estimated beside the alignment.
     """
-    o, errors = observations, ImageErrors.of(observations, C_EK)
+    o, control = observations, ~campaign.sightings.check
+    rejected = np.mean(o.weight[control] == 0.0)
+    errors = replace(ImageErrors.of(o, C_EK), chosen=bool(rejected > CHOSEN))
     found = [
         *trackers(campaign, errors, covariance_E, estimated),
         *places(campaign, o, errors, covariance_E),

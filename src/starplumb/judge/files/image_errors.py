@@ -46,7 +46,8 @@ class ImageErrors:
     """The sightings of a table (no batch axes) at a mounting ``C_EK``, summed image by image.
 
     ``S`` (m, 6, 6), ``s`` (m, 6); ``stated`` (m, 6, 6) covariance of the image errors; ``own`` is ``sum z^T W z`` and
-    ``volume`` the log of the determinant of all W^-1, of the sightings with weight.
+    ``volume`` the log of the determinant of all W^-1, of the sightings with weight.  ``chosen`` says that many others
+    were rejected because they do not fit: those left fit by choice, and then speak against no error.
     """
 
     observations: Observations
@@ -56,6 +57,7 @@ class ImageErrors:
     stated: Array
     own: float
     volume: float
+    chosen: bool = False
 
     @classmethod
     def of(cls, o: Observations, C_EK: Array, further: OwnErrors | None = None) -> ImageErrors:
@@ -108,11 +110,15 @@ class ImageErrors:
 
     def allows(self, further: Array) -> bool:
         """Whether the residuals are compatible with independent image errors (m, 6, 6) besides the stated ones."""
+        if self.chosen:
+            return True
         odds = 0.5 * (self.deviance(self.stated + further) - self.deviance(self.stated))
         return bool(odds < REFUTED)
 
     def allows_own(self, further: OwnErrors) -> bool:
         """Whether the residuals are compatible with errors of landmarks and pixels besides the stated ones."""
+        if self.chosen:
+            return True
         wider = ImageErrors.of(self.observations, self.C_EK, further)
         odds = 0.5 * (wider.deviance(wider.stated) - self.deviance(self.stated))
         return bool(odds < REFUTED)

@@ -20,7 +20,9 @@ def findings_of_sources(found: FromData | None, images: int) -> list[Finding]:
     """Sources that are not as stated, and whether anything confirms those that are; ``images`` are those used."""
     if found is None:
         return [] if images < 2 else [_unconfirmed(images)]
-    told = [one for one in (_told(source, len(found.sources)) for source in found.sources) if one is not None]
+    others = any(_surely_larger(source, len(found.sources)) for source in found.sources)
+    spoken = [source for source in found.sources if not (others and _explained(source))]
+    told = [one for one in (_told(source, len(found.sources)) for source in spoken) if one is not None]
     confirmed = found.images > FEW_IMAGES or any(finding.weakens for finding in told)
     return told if confirmed else [*told, _unconfirmed(found.images)]
 
@@ -31,6 +33,16 @@ def _unconfirmed(images: int) -> Finding:
         f"more than {FEW_IMAGES} images would",
         False,
     )
+
+
+def _explained(source: SourceFound) -> bool:
+    """Whether estimated beside the others it may be as stated, whatever its own test says: each test takes the other
+    sources as stated, so that one which is not alarms them all."""
+    return source.interval is not None and source.interval[0] <= 1.0 and source.p < 0.5
+
+
+def _surely_larger(source: SourceFound, count: int) -> bool:
+    return source.p < TOO_SMALL_P / count and not _explained(source)
 
 
 def _told(source: SourceFound, count: int) -> Finding | None:
@@ -52,6 +64,12 @@ def _too_small(source: SourceFound) -> Finding | None:
         exact = source.ratio is not None and source.ratio <= EXACT
         return Finding(f"{_ratio(source)} (p = {source.p:.1e}); the interval is widened by it", not exact)
     refutes = source.interval is not None and source.interval[0] > BEYOND
+    if source.ratio is not None and source.ratio <= 1.0:
+        return Finding(
+            f"the images disagree (p = {source.p:.1e}), and no variance of what is stated explains it: run starplumb "
+            "diagnose",
+            True,
+        )
     meaning = (
         "this is no matter of a sigma, and the answer cannot be believed: run starplumb diagnose"
         if refutes
