@@ -14,6 +14,7 @@ from problems import C_EK_TRUE, FRAME, truth
 from starplumb.estimators.fit import Fit, State, Unknowns
 from starplumb.estimators.gls import Gls
 from starplumb.estimators.protocol import AlignmentEstimate, ParameterVector, Status
+from starplumb.estimators.usable import _stated
 from starplumb.judge.calibrate import calibrate
 from starplumb.judge.compare import compare
 from starplumb.judge.consistency import _confirmed, findings
@@ -235,6 +236,22 @@ def test_a_sighting_is_tested_however_little_of_it_is_controlled(share, dof):
     )
     assert tested.sightings[1][0] == dof
     assert tested.sightings[0][0] == pytest.approx(4.0 + (9.0 * share if dof == 2 else 0.0), rel=1e-9)
+
+
+def test_what_is_stated_of_a_sighting_by_hand():
+    """0.1 px of 4 urad on two axes; 3" of attitude on three; 10 m of position and 2 m of survey from 600 km."""
+    o = by_hand()
+    pixel = 2.0 * (0.1 * 4e-6) ** 2
+    np.testing.assert_allclose(_stated(o), np.full(o.n, pixel), rtol=1e-12)
+    arcsec = np.pi / 648000.0
+    told = replace(
+        o,
+        cov_attitude_E=np.diag([3.0, 3.0, 3.0])[None] * 3.0 * arcsec**2,
+        cov_position_J=100.0 * np.eye(3)[None],
+        cov_landmark_J=np.tile(4.0 * np.eye(3), (o.n, 1, 1)),
+    )
+    places = 3.0 * 104.0 / o.range_m**2
+    np.testing.assert_allclose(_stated(told), pixel + 27.0 * arcsec**2 + places, rtol=1e-9)
 
 
 def test_the_residuals_of_one_marker_by_hand():
