@@ -371,6 +371,18 @@ def test_a_sample_confirms_the_switch_from_a_rise_of_12(table, rise, confirmed):
     assert not _confirmed(table, C_EK_TRUE, partial(estimator, chi2=None))
 
 
+@pytest.mark.parametrize("lost", [True, False])
+def test_a_switch_is_not_confirmed_beside_an_answer_that_cannot_be_used(table, lost):
+    """With the stated switch or with the other one."""
+
+    def estimator(o, C_EK):
+        stated = o.corrections.aberration == table.corrections.aberration
+        status = Status.SINGULAR if stated is lost else Status.OK
+        return estimate_with(o, chi2=np.array(100.0 if stated else 200.0), status=np.array(int(status)))
+
+    assert not _confirmed(table, C_EK_TRUE, estimator)
+
+
 @pytest.mark.parametrize(
     ("known_from_data", "square", "contradicts"),
     [

@@ -124,6 +124,11 @@ def test_an_answer_that_locates_worse_than_none_is_refuted(after, refutes):
     assert (found is not None and found.refutes) == refutes
 
 
+@pytest.mark.parametrize(("before", "after"), [(None, Accuracy(9.0, 0.0, 5)), (Accuracy(2.0, 0.0, 5), None)])
+def test_points_that_could_not_be_located_compare_with_nothing(before, after):
+    assert worse_on_the_ground(before, after) is None
+
+
 def support(images=20, out=()):
     campaign = truth(FRAME, images, 4)
     o = observe(campaign)
