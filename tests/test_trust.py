@@ -24,7 +24,7 @@ from starplumb.judge.contradictions import (
 from starplumb.judge.residuals import Accuracy
 from starplumb.judge.scatter.from_data import ImageRotations, from_data, image_rotations
 from starplumb.judge.snooping import fit_at
-from starplumb.judge.trust import Finding, interval_95, judged, said
+from starplumb.judge.trust import Finding, interval_95, judged, probability, said
 from starplumb.physics import so3
 from starplumb.physics.units import ARCSEC
 from starplumb.table.geometry import observe
@@ -230,3 +230,8 @@ def test_good_campaigns_are_left_ok(monkeypatch, rng):
     ]
     assert status.count(Status.OK) >= 57
     assert Status.REFUTED not in status
+
+
+def test_a_probability_below_the_smallest_number_is_not_zero():
+    assert probability(2.06e-6) == "p = 2.1e-06"
+    assert probability(0.0) == "p < 1e-300"

@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 
 from ..physics.earth import OMEGA_EARTH
 from ..physics.orbit import argument_of_latitude
-from ..table.observations import Observations
+from ..table.observations import Observations, first_of_image
+from ..table.sharing import chained
 from .consensus import own_covariance
 from .fit import Fit
 
@@ -165,11 +166,9 @@ def _shapes(o: Observations, image: Index) -> list[Shape]:
 
 def _harmonic(o: Observations, image: Index) -> Iterator[Array]:
     """Cosine and sine (k, 2) of the argument of latitude, where the orbit's velocity is known."""
-    first = np.zeros(o.n_images, dtype=np.int64)
-    first[o.image[::-1]] = np.arange(o.n)[::-1]
-    rows = first[image]
     if np.all(np.any(o.v_J, axis=-1)):
-        u = argument_of_latitude(o.r_J[rows], o.v_J[rows] + np.cross([0.0, 0.0, OMEGA_EARTH], o.r_J[rows]))
+        r_J, v_J = (first_of_image(o, x)[image] for x in (o.r_J, o.v_J))
+        u = argument_of_latitude(r_J, v_J + np.cross([0.0, 0.0, OMEGA_EARTH], r_J))
         yield np.column_stack([np.cos(u), np.sin(u)])
 
 
@@ -185,9 +184,7 @@ def _steps(t: Array) -> list[tuple[Mask, float]]:
 
 def _sessions(t: Array) -> Iterator[Array]:
     """Which session (k, s) each image belongs to, where there are several of three images or more on average."""
-    order = np.argsort(t, kind="stable")
-    session = np.empty(t.size, dtype=np.int64)
-    session[order] = np.append(0, np.cumsum(np.diff(t[order]) > SESSION_S))
+    session = chained(t, SESSION_S)
     levels = int(np.max(session)) + 1
     if 1 < levels <= t.size / 3:
         yield (session[:, None] == np.arange(levels)).astype(np.float64)

@@ -13,7 +13,7 @@ from ..physics import so3
 from ..physics.units import ARCSEC, DEG
 from ..solve.chunks import CHUNK, part, sample, sampled
 from ..table.observations import Observations
-from .trust import Finding
+from .trust import Finding, probability
 
 Array = NDArray[np.float64]
 
@@ -111,7 +111,7 @@ def _chi_square(o: Observations, estimate: AlignmentEstimate) -> Finding | None:
             else "the interval is widened by it"
         )
         return Finding(
-            f"chi-square {chi2:.1f} for {dof} degrees of freedom is implausible (p = {p:.1e}): the residuals are "
+            f"chi-square {chi2:.1f} for {dof} degrees of freedom is implausible ({probability(p)}): the residuals are "
             f"{factor:.2g} times what the stated sigmas allow, so a sigma is too small or something is wrong"
             + (f"; {meaning}" if factor > EXACT else ""),
             bool(factor > EXACT),
@@ -145,8 +145,8 @@ def _prior(o: Observations, C_EK_model: Array, estimate: AlignmentEstimate) -> F
     sigma = np.sqrt(np.diagonal(o.prior_E)) / ARCSEC
     return Finding(
         f"the data contradict mounting.sigma_arcsec = [{', '.join(f'{s:.3g}' for s in sigma)}]: the correction is "
-        f"{np.linalg.norm(d_E) / ARCSEC:.3g} arcsec (p = {p:.1e}), and the prior pulls it towards zero; state a larger "
-        "sigma or leave it out",
+        f"{np.linalg.norm(d_E) / ARCSEC:.3g} arcsec ({probability(p)}), and the prior pulls it towards zero; state a "
+        "larger sigma or leave it out",
         True,
     )
 

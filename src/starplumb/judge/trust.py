@@ -43,6 +43,11 @@ class Finding:
         return 2 if self.refutes else int(self.weakens)
 
 
+def probability(p: float) -> str:
+    """A probability in words, ``p = 2.1e-06``; one below the smallest number is not called zero."""
+    return f"p = {p:.1e}" if p > 0.0 else "p < 1e-300"
+
+
 def judged(own: Status, findings: Sequence[Finding]) -> Status:
     """Status of an answer of which an estimator says ``own`` and that has these findings."""
     if not own.usable:

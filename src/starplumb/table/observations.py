@@ -159,6 +159,13 @@ def sight(
     return {"e_E": e_E, "row_rate_E": line_period_s[..., None] * rate, "range_m": range_m}
 
 
+def first_of_image(o: Observations, values: Array) -> Array:
+    """Values (n, ...) of the first sighting of each image, (m, ...); 0 for an image without any."""
+    out = np.zeros((o.n_images, *values.shape[1:]))
+    out[o.image[::-1]] = values[::-1]
+    return out
+
+
 _TAILS: dict[str, tuple[int, ...]] = {
     "xy_K": (2,),
     "slope_K": (2, 2),

@@ -14,7 +14,7 @@ from ...physics.errors import InputError
 from ...physics.light import Corrections
 from ...physics.orientation import EarthOrientation
 from ...physics.units import ARCSEC
-from ...table.campaign import Campaign, Detections, Images, Sightings
+from ...table.campaign import Campaign, Detections, Images, Landmarks, Sightings
 from ..gis.heights import Ground
 from ..tables.cells import Array
 from ..tables.read import Frame, TableSource
@@ -178,15 +178,7 @@ def _assemble(
     if config.landmarks.common_sigma_m is not None:
         landmarks = replace(landmarks, common_sigma=np.array(config.landmarks.common_sigma_m))
     grid = markers.Grid(*camera.size_px, shift_px=pixel_shift(config.camera))
-    sightings, detections = _no_sightings(), None
-    if config.observations is not None:
-        declared = config.observations.declared("observations")
-        sightings = markers.read_observations(
-            files["observations.file"], images.ids, landmarks.ids, grid, notices, declared
-        )
-    elif config.detections is not None:
-        declared = config.detections.declared("detections")
-        detections = markers.read_detections(files["detections.file"], images.ids, grid, notices, declared)
+    sightings, detections = _marks(config, files, images, landmarks, grid, notices)
     ephemeris = motion.read_ephemeris(
         files["ephemeris.file"], config.ephemeris, scale, images.t_ns, orientation, notices
     )
@@ -244,6 +236,25 @@ def _ground(config: LandmarksConfig, files: Mapping[str, TableSource]) -> Ground
     """What is said about the heights of the landmarks."""
     words = ("landmarks.dem", "landmarks.heights", "landmarks.geoid")
     return Ground(_path(files, "landmarks.dem"), config.heights, _path(files, "landmarks.geoid"), words)
+
+
+def _marks(
+    config: CampaignConfig,
+    files: Mapping[str, TableSource],
+    images: Images,
+    landmarks: Landmarks,
+    grid: markers.Grid,
+    notices: list[str],
+) -> tuple[Sightings, Detections | None]:
+    """Sightings of known landmarks, or none and the detections that have none yet."""
+    if config.observations is not None:
+        declared, file = config.observations.declared("observations"), files["observations.file"]
+        seen = markers.read_observations(file, images.ids, landmarks.ids, grid, notices, declared)
+        return seen, None
+    if config.detections is None:
+        return _no_sightings(), None
+    declared, file = config.detections.declared("detections"), files["detections.file"]
+    return _no_sightings(), markers.read_detections(file, images.ids, grid, notices, declared)
 
 
 def _no_sightings() -> Sightings:

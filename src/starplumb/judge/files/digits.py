@@ -19,9 +19,9 @@ from ...physics.earth import C_JT, OMEGA_EARTH, WGS84_A, itrf_to_geodetic
 from ...physics.rounding import ROUNDING, decimal_step, is_grid, time_step
 from ...physics.units import ARCSEC, DEG
 from ...table.campaign import Campaign
-from ...table.observations import Observations
+from ...table.observations import Observations, first_of_image
 from .evidence import NOTICEABLE, Evidence, growth, worst
-from .image_errors import ImageErrors, OwnErrors, first_of_image
+from .image_errors import ImageErrors, OwnErrors
 
 Array = NDArray[np.float64]
 Epochs = NDArray[np.int64]

@@ -167,13 +167,6 @@ class ImageErrors:
         return np.asarray(np.sum(both + both.mT, axis=0))
 
 
-def first_of_image(o: Observations, values: Array) -> Array:
-    """Values (n, ...) of the first sighting of each image, (m, ...); 0 for an image without any."""
-    out = np.zeros((o.n_images, *values.shape[1:]))
-    out[o.image[::-1]] = values[::-1]
-    return out
-
-
 def _blocks(o: Observations, C_EK: Array) -> Iterator[tuple[Observations, Linearised]]:
     for start in range(0, o.n, BLOCK):
         part = o if o.n <= BLOCK else o.select(np.arange(start, min(start + BLOCK, o.n)))

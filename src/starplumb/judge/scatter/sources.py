@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ...estimators.usable import EXACT
-from ..trust import Finding
+from ..trust import Finding, probability
 from .from_data import SIGHTINGS, FromData, SourceFound
 
 TOO_SMALL_P, TOO_LARGE_P = 1e-3, 1e-4
@@ -56,18 +56,20 @@ def _told(source: SourceFound, count: int) -> Finding | None:
 def _too_small(source: SourceFound) -> Finding | None:
     if source.stated == 0.0:
         return Finding(
-            f"{source.name} is not stated: {source.found:.2g} {source.unit} (p = {source.p:.1e}); the interval is that "
-            "of the scatter; state shared_by or a session's sigma in [attitude] and [ephemeris]",
+            f"{source.name} is not stated: {source.found:.2g} {source.unit} ({probability(source.p)}); the interval is "
+            "that of the scatter; state shared_by or a session's sigma in [attitude] and [ephemeris]",
             True,
         )
     if source.kind == SIGHTINGS:
         exact = source.ratio is not None and source.ratio <= EXACT
-        return Finding(f"{_ratio(source)} (p = {source.p:.1e}); the interval is widened by it", not exact)
+        return Finding(
+            f"{_ratio(source)} ({probability(source.p)}); the interval is widened by it", not exact
+        )
     refutes = source.interval is not None and source.interval[0] > BEYOND
     if source.ratio is not None and source.ratio <= 1.0:
         return Finding(
-            f"the images disagree (p = {source.p:.1e}), and no variance of what is stated explains it: run starplumb "
-            "diagnose",
+            f"the images disagree ({probability(source.p)}), and no variance of what is stated explains it: run "
+            "starplumb diagnose",
             True,
         )
     meaning = (
@@ -77,7 +79,7 @@ def _too_small(source: SourceFound) -> Finding | None:
         "scatter"
     )
     return Finding(
-        f"the images disagree: {_ratio(source)} (p = {source.p:.1e}): {meaning}", True, refutes=refutes
+        f"the images disagree: {_ratio(source)} ({probability(source.p)}): {meaning}", True, refutes=refutes
     )
 
 
