@@ -23,8 +23,8 @@ from ..physics.earth import OMEGA_EARTH
 from ..physics.orbit import argument_of_latitude
 from ..table.observations import Observations, first_of_image
 from ..table.sharing import chained
-from .consensus import own_covariance
 from .fit import Fit
+from .image_sums import image_sums
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -40,6 +40,7 @@ STEPS = 20
 """Places in time at which a step is looked for at most."""
 FACTORS = np.concatenate([[1.0], np.geomspace(1.1, 1e8, 60)])
 """Variances of images that are tried, over the stated one."""
+_SUMS = ("image", "N", "b", "toward", "squares", "count")
 
 
 @dataclass(frozen=True)
@@ -87,27 +88,19 @@ def further_spread(fit: Fit, seen: Mask) -> Array | None:
 def _turns(fit: Fit, rows: Mask, right: Mask) -> Turns | None:
     """Rotations of the images by the sightings chosen; ``right`` (m,) images tell what is usual, None where none of
     them fixes a rotation."""
-    m, x = fit.table.n_images, fit.step()
-    N, b, toward, squares = np.zeros((m, 3, 3)), np.zeros((m, 3, 1)), np.zeros((m, 3, 3)), np.zeros(m)
-    for part, (o, model, A) in fit.parts():
-        k = part[rows[part]]
-        mine = np.flatnonzero(rows[part])
-        W = np.linalg.inv(own_covariance(o, model)[mine])
-        z = (model.z_px + (A[..., 3:] @ x[3:]))[mine][..., None]
-        HW, image = model.H[mine].mT @ W, fit.table.image[k]
-        np.add.at(N, image, HW @ model.H[mine])
-        np.add.at(b, image, HW @ z)
-        np.add.at(toward, image, HW @ model.R[mine])
-        np.add.at(squares, image, (z.mT @ W @ z)[:, 0, 0])
-    count = np.bincount(fit.table.image[rows], minlength=m)
-    image = np.flatnonzero((count > 1) & (np.linalg.cond(N) < 1e10))
+    x, o, found = fit.step(), fit.table, []
+    for part, (table, model, A) in fit.parts():
+        z_px = model.z_px + A[..., 3:] @ x[3:]
+        found.append(image_sums(table, model, np.flatnonzero(rows[part]), z_px))
+    columns = ([getattr(one, name)[one.fixed] for one in found] for name in _SUMS)
+    image, N, b, toward, squares, count = (np.concatenate(of) for of in columns)
     if not np.any(right[image]):
         return None
-    Q, o = np.linalg.inv(N[image]), fit.table
-    d_E, gain = -(Q @ b[image])[..., 0], Q @ toward[image]
+    Q = np.linalg.inv(N)
+    d_E, gain = -(Q @ b)[..., 0], Q @ toward
     # sightings that contradict each other say less
-    within = squares[image] - np.sum(d_E * (N[image] @ d_E[..., None])[..., 0], axis=-1)
-    Q = Q * np.maximum(1.0, within / np.maximum(2 * count[image] - 3, 1))[:, None, None]
+    within = squares - np.sum(d_E * (N @ d_E[..., None])[..., 0], axis=-1)
+    Q = Q * np.maximum(1.0, within / np.maximum(2 * count - 3, 1))[:, None, None]
     own = o.cov_attitude_E[image] + gain @ o.cov_position_J[image] @ gain.mT
     axes = _axes(np.mean(own, axis=0), np.mean(Q[right[image]], axis=0))
     q, a = (np.einsum("ij,kjl,il->ki", axes, S, axes) for S in (Q, own))

@@ -9,14 +9,13 @@ from numpy.typing import NDArray
 
 from ...physics import so3
 from ...table.observations import Observations
-from ..protocol import AlignmentEstimate
-from .linear_steps import CovarianceKind, Equations, direction_slope, estimate
+from .linear_steps import Equations, LinearMethod, direction_slope
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class CrossProduct:
+class CrossProduct(LinearMethod):
     """Measured less predicted unit vectors, ``e_K - e_K* = Phi(e_K) theta`` (30), for each marker.
 
     ``Gamma theta = g`` (31) with ``Gamma = sum Phi^2(e_K)``, ``g = -sum Phi(e_K) e_K*``.  Gamma is negative
@@ -25,16 +24,7 @@ class CrossProduct:
 
     Mapping: by (24) its theta has our sign, ``Q = (E - Phi(theta)) Q*`` gives ``d_E = C_EK theta``; cross
     products do not ask which way the camera looks, so K's own axes serve.
-
-    One linear step as published, biased by ``1/2 theta_z (z x theta)``; ``iterations`` re-linearise and
-    remove that.
     """
-
-    iterations: int = 1
-    covariance: CovarianceKind = "stated"
-
-    def __call__(self, observations: Observations, C_EK: Array) -> AlignmentEstimate:
-        return estimate(self.equations, observations, C_EK, self.iterations, self.covariance)
 
     def equations(self, observations: Observations, C_EK: Array) -> Equations:
         """(30) at a mounting."""

@@ -10,14 +10,13 @@ from numpy.typing import NDArray
 from ...physics import so3
 from ...physics.earth import C_JT, WGS84_F
 from ...table.observations import Observations
-from ..protocol import AlignmentEstimate
-from .linear_steps import SOURCE_AXES, CovarianceKind, Equations, estimate
+from .linear_steps import SOURCE_AXES, Equations, LinearMethod
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class GroundPlane:
+class GroundPlane(LinearMethod):
     """Where the line of sight passes the marker's level, ``q = G theta`` (17), a pair for each marker.
 
     With ``c_i`` the columns of the matrix from the level frame T of the marker (east, north, up) to the
@@ -33,16 +32,7 @@ class GroundPlane:
     Mapping: the source's camera is ours turned by pi about x, ``s' = D (x_K, y_K, 1)``, and its theta takes
     the camera back, ``d_E = -C_EK D theta`` with ``D = diag(1, -1, -1)``; rho comes from the marker's
     apparent direction, so that light time and aberration are in it.
-
-    One linear step as published, biased by ``1/2 theta_z (z x theta)``; ``iterations`` re-linearise and
-    remove that.
     """
-
-    iterations: int = 1
-    covariance: CovarianceKind = "stated"
-
-    def __call__(self, observations: Observations, C_EK: Array) -> AlignmentEstimate:
-        return estimate(self.equations, observations, C_EK, self.iterations, self.covariance)
 
     def equations(self, observations: Observations, C_EK: Array) -> Equations:
         """(16), (17) at a mounting."""

@@ -10,14 +10,13 @@ from numpy.typing import NDArray
 
 from ...table.equation import predict
 from ...table.observations import Observations
-from ..protocol import AlignmentEstimate
-from .linear_steps import SOURCE_AXES, CovarianceKind, Equations, estimate
+from .linear_steps import SOURCE_AXES, Equations, LinearMethod
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class ImagePlane:
+class ImagePlane(LinearMethod):
     """Predicted less measured image coordinates, ``q = (x - x', y - y') = G theta``, in focal lengths.
 
     ``(x, y)`` of (20) are predicted through the model mounting, ``(x', y')`` measured.  From (19),
@@ -31,16 +30,10 @@ class ImagePlane:
     Mapping: the source's camera is ours turned by pi about x, ``(x', y') = (x_K, -y_K)``, and its theta
     takes the camera back, ``d_E = -C_EK D theta`` with ``D = diag(1, -1, -1)``.
 
-    One linear step as published, biased by ``1/2 theta_z (z x theta)``; ``iterations`` re-linearise and
-    remove that. Weights know nothing of errors that an image shares; the stated covariance does.
+    Weights know nothing of errors that an image shares; the stated covariance does.
     """
 
-    iterations: int = 1
     field: Literal["full", "narrow"] = "full"
-    covariance: CovarianceKind = "stated"
-
-    def __call__(self, observations: Observations, C_EK: Array) -> AlignmentEstimate:
-        return estimate(self.equations, observations, C_EK, self.iterations, self.covariance)
 
     def equations(self, observations: Observations, C_EK: Array) -> Equations:
         """(20), (21) at a mounting."""

@@ -9,14 +9,13 @@ from numpy.typing import NDArray
 
 from ...physics import so3
 from ...table.observations import Observations
-from ..protocol import AlignmentEstimate
-from .linear_steps import CovarianceKind, Equations, direction_slope, estimate
+from .linear_steps import Equations, LinearMethod, direction_slope
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class LeastSquares:
+class LeastSquares(LinearMethod):
     """Model less true direction of every marker, ``e_J* - e_J = G theta_E`` (2), all weighted alike.
 
     ``e_J* = C_JE C_EK* e_K`` and ``G = -C_JE Phi(e_E*)``.  Turning all three equations of a marker by C_EJ
@@ -27,10 +26,6 @@ class LeastSquares:
     """
 
     iterations: int = 2
-    covariance: CovarianceKind = "stated"
-
-    def __call__(self, observations: Observations, C_EK: Array) -> AlignmentEstimate:
-        return estimate(self.equations, observations, C_EK, self.iterations, self.covariance)
 
     def equations(self, observations: Observations, C_EK: Array) -> Equations:
         """(2) at a mounting, along the axes of E."""

@@ -9,6 +9,7 @@ the mounting and of the data, every such q is a combination ``q = S F`` of the t
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Literal
@@ -193,6 +194,24 @@ def estimate(
         notes=without_prior(observations, "its weights ignore that an image's markers share errors"),
         C_EK_model=np.broadcast_to(C_EK, C.shape),
     )
+
+
+@dataclass(frozen=True)
+class LinearMethod(ABC):
+    """A published method: linear steps with the equations of a sighting.
+
+    One step as published is biased by ``1/2 theta_z (z x theta)``; more ``iterations`` re-linearise and remove that.
+    """
+
+    iterations: int = 1
+    covariance: CovarianceKind = "stated"
+
+    @abstractmethod
+    def equations(self, observations: Observations, C_EK: Array) -> Equations:
+        """The method's equations at a mounting."""
+
+    def __call__(self, observations: Observations, C_EK: Array) -> AlignmentEstimate:
+        return estimate(self.equations, observations, C_EK, self.iterations, self.covariance)
 
 
 def _step(equations: Equations, weight: Array) -> Array:

@@ -16,13 +16,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...estimators.consensus import own_covariance
 from ...estimators.fit import Fit
+from ...estimators.image_sums import ImageSums, image_sums
 from ...physics.covariance import square_root
 from ...physics.units import ARCSEC
 from ...solve.chunks import repeated_landmarks
 from ...solve.problem import Linear
 from ...solve.whitening import sums
+from ...table.equation import Linearised
+from ...table.observations import Observations
 from . import variances
 from .variances import Component, Factors, Projector
 
@@ -35,8 +37,6 @@ FEWEST = 3
 """Images from whose scatter a sigma can be told at all."""
 LANDMARKS_AT_MOST = 100
 """Landmarks seen again whose errors images are taken to share; more of them count as the images' own."""
-CONDITION = 1e10
-"""Of an image's normal equations up to which it fixes a rotation."""
 WEAK_AXIS = 1.5
 """Variance of the attitude about one axis, over that about the next, from which that axis is its weak one."""
 SHARE = 0.2
@@ -102,41 +102,36 @@ def image_rotations(fit: Fit) -> ImageRotations | None:
     )
 
 
-def _of_part(linear: Linear, place: Index) -> tuple[Array, ...]:
+def _of_part(linear: Linear, place: Index) -> tuple[Any, ...]:
     """The arrays of :class:`ImageRotations` of some images, squares and degrees; ``place`` (L,) numbers the landmarks
     whose errors are shared."""
     o, model, _ = linear
-    rows = np.flatnonzero(o.weight > 0.0)
-    rows = rows[np.argsort(o.image[rows], kind="stable")]
-    starts = np.flatnonzero(np.diff(o.image[rows], prepend=-1))
-    p, q = 0 if o.common_px is None else o.common_px.shape[-1], int(np.max(place, initial=-1)) + 1
-    if starts.size == 0:
-        shapes = ((0,), (0, 3), (0, 3, 3), (0, 3, 3), (0, 3, 3), (0, 3, p), (0, 3, 3 * q), (), ())
-        return tuple(np.zeros(shape) for shape in shapes)
-    z, W = model.z_px[rows][..., None], np.linalg.inv(own_covariance(o, model)[rows])
-    HW, R = model.H[rows].mT @ W, model.R[rows]
-    terms = [HW @ model.H[rows], HW @ z, HW @ R, z.mT @ W @ z]
-    N, b, toward, zz = (np.add.reduceat(term, starts) for term in terms)
-    counts = np.diff(starts, append=rows.size)
-    fixed = (counts > 1) & (np.linalg.cond(N) < CONDITION)
-    image, Q, b = o.image[rows[starts]][fixed], np.linalg.inv(N[fixed]), b[fixed]
-    gain = Q @ toward[fixed]
+    sums_of = image_sums(o, model, np.flatnonzero(o.weight > 0.0), model.z_px)
+    fixed, rows = sums_of.fixed, sums_of.rows
+    image, b = sums_of.image[fixed], sums_of.b[fixed]
+    Q = np.linalg.inv(sums_of.N[fixed])
+    gain = Q @ sums_of.toward[fixed]
     common = np.zeros((image.size, 3, 0))
     if o.common_px is not None:
-        common = -(Q @ np.add.reduceat(HW @ o.common_px[rows], starts)[fixed])
-    landmarks = np.zeros((image.size, 3, 0))
-    if q:
-        number = np.cumsum(np.diff(o.image[rows], prepend=-1) > 0) - 1
-        seen = place[o.landmark[rows]]
-        shared = np.flatnonzero(seen >= 0)
-        root = square_root(o.cov_landmark_J[o.landmark[rows[shared]]])
-        by_pair = sums(HW[shared] @ R[shared] @ root, number[shared] * q + seen[shared], starts.size * q)
-        by_image = np.moveaxis(by_pair.reshape(starts.size, q, 3, 3), 1, 2).reshape(starts.size, 3, 3 * q)
-        landmarks = Q @ by_image[fixed]
-    squares = np.sum(zz[fixed] - b.mT @ Q @ b)
+        common = -(Q @ sums_of.of(sums_of.HW @ o.common_px[rows])[fixed])
+    landmarks = Q @ _of_landmarks(o, model, sums_of, place)[fixed]
+    squares = np.sum(sums_of.squares[fixed] - (b.mT @ Q @ b)[:, 0, 0])
     position = gain @ o.cov_position_J[image] @ gain.mT
-    degrees = np.sum(2 * counts[fixed] - 3)
+    degrees = np.sum(2 * sums_of.count[fixed] - 3)
     return image, -(Q @ b)[..., 0], Q, o.cov_attitude_E[image], position, common, landmarks, squares, degrees
+
+
+def _of_landmarks(o: Observations, model: Linearised, images: ImageSums, place: Index) -> Array:
+    """What the errors of the landmarks whose number ``place`` (L,) is not negative do to each image (m, 3, 3 q)."""
+    m, q, rows = images.image.size, int(np.max(place, initial=-1)) + 1, images.rows
+    if not q:
+        return np.zeros((m, 3, 0))
+    number = np.repeat(np.arange(m), images.count)
+    seen = place[o.landmark[rows]]
+    shared = np.flatnonzero(seen >= 0)
+    root = square_root(o.cov_landmark_J[o.landmark[rows[shared]]])
+    by_pair = sums(images.HW[shared] @ model.R[rows[shared]] @ root, number[shared] * q + seen[shared], m * q)
+    return np.moveaxis(by_pair.reshape(m, q, 3, 3), 1, 2).reshape(m, 3, 3 * q)
 
 
 def components(images: ImageRotations, C_EK: Array, levels: Mapping[str, Index]) -> tuple[Component, ...]:
