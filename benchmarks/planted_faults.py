@@ -16,7 +16,7 @@ import numpy as np
 from starplumb.io.campaign.write import write_campaign
 from starplumb.physics import so3
 from starplumb.physics.camera import Camera, Distortion, FrameCamera, LineScanCamera
-from starplumb.physics.earth import C_JT, WGS84_F, geodetic_to_itrf, itrf_to_geodetic
+from starplumb.physics.earth import WGS84_F, geodetic_to_itrf, itrf_to_geodetic
 from starplumb.physics.light import Corrections
 from starplumb.physics.orbit import KeplerOrbit
 from starplumb.physics.orientation import C_IF, EarthOrientation
@@ -246,16 +246,8 @@ def _checks(rng: Rng, campaign: Campaign, share: float) -> np.ndarray:
 
 
 def deliver(s: Scene) -> Campaign:
-    """What its files hold: sigmas east, north and up at the landmarks as surveyed."""
-    c = scene.measured(s.truth, s.errors, s.model)
-    return _resurveyed(c, s.truth.landmarks.r_J, c.landmarks.r_J)
-
-
-def _resurveyed(c: Campaign, old_J: np.ndarray, new_J: np.ndarray) -> Campaign:
-    """Landmarks elsewhere with the same sigmas east, north and up."""
-    turn = C_JT(*itrf_to_geodetic(new_J)[:2]) @ C_JT(*itrf_to_geodetic(old_J)[:2]).mT
-    covariance = turn @ c.landmarks.covariance_J @ turn.mT
-    return replace(c, landmarks=replace(c.landmarks, r_J=new_J, covariance_J=covariance))
+    """What its files hold."""
+    return scene.measured(s.truth, s.errors, s.model)
 
 
 # Faults -------------------------------------------------------------------------------------------------------
@@ -363,8 +355,8 @@ def _turned_image(c: Campaign, rng: Rng) -> Campaign:
 
 def _places(change: Callable[..., tuple]) -> Callable[[Campaign, Rng], Campaign]:
     def delivered(c: Campaign, rng: Rng) -> Campaign:
-        old_J = c.landmarks.r_J
-        return _resurveyed(c, old_J, geodetic_to_itrf(*change(*itrf_to_geodetic(old_J), rng)))
+        moved_J = geodetic_to_itrf(*change(*itrf_to_geodetic(c.landmarks.r_J), rng))
+        return replace(c, landmarks=c.landmarks.moved(moved_J))
 
     return delivered
 
@@ -575,7 +567,7 @@ def _moved_landmark(c: Campaign, rng: Rng) -> Campaign:
     seen = np.bincount(c.sightings.landmark, minlength=len(r_J))
     k = int(np.argmax(seen))
     r_J[k] += _log(rng, 15.0, 5000.0) * _unit(rng)
-    return _resurveyed(c, c.landmarks.r_J, r_J)
+    return replace(c, landmarks=c.landmarks.moved(r_J))
 
 
 FEET = 0.3048

@@ -15,6 +15,7 @@ from bad_cases import AEM, DETECTORS, LINE_SCAN, NO_OPTICS, OEM, both, put, swap
 from helpers import CAMPAIGN, FILES, OBSERVATIONS, write_good_campaign
 from starplumb.io.campaign.read import LoadedCampaign, load_campaign
 from starplumb.io.campaign.write import write_campaign
+from starplumb.physics.earth import C_JT, geodetic_to_itrf
 from starplumb.physics.errors import EpochError, InputError
 from starplumb.physics.units import ARCSEC
 from starplumb.table.campaign import Campaign, Images, Landmarks
@@ -438,6 +439,28 @@ def test_written_line_scanner_reads_back(tmp_path: Path) -> None:
     assert_same(read, campaign)
     np.testing.assert_array_equal(read.camera.tan_x, campaign.camera.tan_x)
     np.testing.assert_array_equal(read.images.line_period_s, campaign.images.line_period_s)
+
+
+@pytest.mark.parametrize("latitude_deg", [0.0, 60.0, 89.9, -89.999])
+def test_a_survey_with_errors_of_metres_is_written_with_its_sigmas(
+    tmp_path: Path, latitude_deg: float
+) -> None:
+    """Near a pole east turns by a degree over 200 m; what is stated is east, north and up of the place as surveyed."""
+    campaign = load(tmp_path / "a").campaign
+    latitude, longitude = np.radians(latitude_deg), np.radians([10.0, 100.0, -80.0])
+    C = C_JT(latitude, longitude)
+    sigma = np.array([1.0, 2.0, 5.0])
+    truth = replace(
+        campaign.landmarks,
+        r_J=geodetic_to_itrf(np.full(3, latitude), longitude, np.zeros(3)),
+        covariance_J=C @ np.diag(sigma**2) @ C.mT,
+    )
+    surveyed = truth.moved(truth.r_J + C @ np.array([3.0, -4.0, 8.0]))
+    write_campaign(tmp_path / "b", replace(campaign, landmarks=surveyed))
+    header, *rows = (tmp_path / "b" / "landmarks.csv").read_text().splitlines()
+    stated = header.split(",").index("sigma_east_m")
+    written = [[float(cell) for cell in row.split(",")[stated : stated + 3]] for row in rows]
+    np.testing.assert_allclose(written, [sigma] * 3, rtol=1e-9)
 
 
 def test_correlated_landmarks_are_not_written(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -47,3 +48,42 @@ def test_a_prior_beside_a_stated_sigma_is_refused(tmp_path):
     path.write_text(path.read_text().replace("[mounting]\n", "[mounting]\nsigma_arcsec = 100.0\n"))
     with pytest.raises(InputError, match=r"mounting\.sigma_arcsec: found beside the prior"):
         sp.calibrate(sp.read_campaign(path), prior=first)
+
+
+def test_data_that_contradict_a_prior_name_its_file(tmp_path):
+    """Of a mounting half a degree away; what campaign.toml does not state must not be blamed."""
+    path = written_demo(tmp_path / "a", "--images", 3)
+    result = sp.calibrate(sp.read_campaign(path))
+    folder = result.save(tmp_path / "earlier", report=False) or tmp_path / "earlier"
+    document = json.loads((folder / "result.json").read_text())
+    turned = so3.exp(np.radians([0.5, 0.0, 0.0])) @ np.array(document["mounting"]["matrix"])
+    document["mounting"]["matrix"] = turned.tolist()
+    document["mounting"]["quaternion_xyzw"] = so3.to_quaternion(turned).tolist()
+    (folder / "result.json").write_text(json.dumps(document))
+    found = sp.calibrate(sp.read_campaign(path), method="gls", prior=folder / "result.json")
+    assert found.status != "ok"
+    assert f"the data contradict the prior {folder / 'result.json'} (" in found.message
+    assert "mounting.sigma_arcsec" not in found.message
+
+
+def test_landmarks_of_both_campaigns_are_said_to_count_twice(tmp_path):
+    """Twice the same images, their markers renamed in the second but for one."""
+    campaign = sp.demo(images=3, seed=4)
+    first = sp.calibrate(campaign)
+    first.save(tmp_path, report=False)
+    physics = campaign.loaded.campaign
+    names = tuple(name if name == "gcp005" else f"b{name}" for name in physics.landmarks.ids)
+    renamed = replace(physics, landmarks=replace(physics.landmarks, ids=names))
+    other = replace(campaign, loaded=replace(campaign.loaded, campaign=renamed))
+    for prior, name in (
+        (first, "the prior"),
+        (tmp_path / "result.json", f"the prior {tmp_path / 'result.json'}"),
+    ):
+        found = sp.calibrate(other, prior=prior)
+        assert found.status == "ok"
+        assert f"1 landmark of {name} occurs here too (gcp005)" in found.message
+    everything = sp.calibrate(campaign, prior=tmp_path / "result.json")
+    assert "30 landmarks of the prior" in everything.message
+    for file in ("residuals.csv", "normals.json"):
+        (tmp_path / file).unlink()
+    assert "occur here" not in sp.calibrate(campaign, prior=tmp_path / "result.json").message

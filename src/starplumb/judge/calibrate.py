@@ -223,12 +223,12 @@ def _consistent(
     support: Support, estimate: AlignmentEstimate, again: Estimator, snooping: Snooping | None
 ) -> list[Finding]:
     """What the consistency checks say, and which part fits worst where chi-square is improbable."""
-    kept = _kept(support.observations, support.used)
-    found = findings(kept, support.campaign.C_EK, estimate, again)
+    kept, campaign = _kept(support.observations, support.used), support.campaign
+    found = findings(kept, campaign.C_EK, estimate, again, campaign.known_from)
     p = _chi2_p(estimate)
     if snooping is None or p is None or p >= IMPROBABLE_P:
         return found
-    worst = culprit(support.campaign, support.observations, snooping.tested, support.used)
+    worst = culprit(campaign, support.observations, snooping.tested, support.used)
     weakest = max((finding for finding in found), key=lambda finding: finding.weight, default=None)
     heavy = weakest is not None and weakest.weight > 0
     return [*found, Finding(worst, heavy, refutes=heavy and weakest is not None and weakest.refutes)]

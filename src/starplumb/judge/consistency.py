@@ -40,11 +40,16 @@ def chi2_p(chi2: float, degrees_of_freedom: int) -> float:
 
 
 def findings(
-    observations: Observations, C_EK_model: Array, estimate: AlignmentEstimate, estimator: Estimator
+    observations: Observations,
+    C_EK_model: Array,
+    estimate: AlignmentEstimate,
+    estimator: Estimator,
+    known_from: str = "mounting.sigma_arcsec",
 ) -> list[Finding]:
     """All that is worth saying about one estimate (no batch axes) that has a covariance.
 
-    ``observations`` are those the estimate was made from, and ``estimator`` makes it again with another switch.
+    ``observations`` are those the estimate was made from, and ``estimator`` makes it again with another switch;
+    ``known_from`` names what states the prior.
     """
     if estimate.covariance_E is None or not Status(int(estimate.status)).usable:
         return []
@@ -52,7 +57,7 @@ def findings(
         _one_image(observations),
         _boresight(observations, estimate),
         _chi_square(observations, estimate),
-        _prior(observations, C_EK_model, estimate),
+        _prior(observations, C_EK_model, estimate, known_from),
     ]
     found.append(_aberration(observations, C_EK_model, estimate, estimator))
     return [finding for finding in found if finding is not None]
@@ -126,7 +131,9 @@ def _chi_square(o: Observations, estimate: AlignmentEstimate) -> Finding | None:
     return None
 
 
-def _prior(o: Observations, C_EK_model: Array, estimate: AlignmentEstimate) -> Finding | None:
+def _prior(
+    o: Observations, C_EK_model: Array, estimate: AlignmentEstimate, known_from: str
+) -> Finding | None:
     """Whether the data contradict what was known of the mounting.
 
     The correction d of an estimate with covariance C, in which a prior P has a part, has the covariance P - C.
@@ -144,7 +151,7 @@ def _prior(o: Observations, C_EK_model: Array, estimate: AlignmentEstimate) -> F
         return None
     sigma = np.sqrt(np.diagonal(o.prior_E)) / ARCSEC
     return Finding(
-        f"the data contradict mounting.sigma_arcsec = [{', '.join(f'{s:.3g}' for s in sigma)}]: the correction is "
+        f"the data contradict {known_from} ({', '.join(f'{s:.3g}' for s in sigma)} arcsec): the correction is "
         f"{np.linalg.norm(d_E) / ARCSEC:.3g} arcsec ({probability(p)}), and the prior pulls it towards zero; state a "
         "larger sigma or leave it out",
         True,

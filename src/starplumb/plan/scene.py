@@ -229,7 +229,7 @@ def measured(campaign: Campaign, errors: Errors, C_EK_model: Array) -> Campaign:
         C_EK=C_EK_model,
         attitude=replace(attitude, q_EF=so3.to_quaternion(C_EI)),
         ephemeris=replace(ephemeris, r_J=ephemeris.r_J + errors.rho_J[image]),
-        landmarks=replace(campaign.landmarks, r_J=campaign.landmarks.r_J + errors.pi_J),
+        landmarks=campaign.landmarks.moved(campaign.landmarks.r_J + errors.pi_J),
         sightings=replace(
             s, column_px=s.column_px + errors.pixel[:, 0], row_px=s.row_px + errors.pixel[:, 1]
         ),

@@ -16,7 +16,7 @@ from ..physics.units import DEG
 from ..table.campaign import Campaign as Physics
 from .arguments import Folder, Wanted, checked
 from .campaign import Campaign
-from .mounting import with_prior
+from .prior import with_prior
 from .result import RESULT_FILES, Result
 
 if TYPE_CHECKING:
@@ -78,19 +78,21 @@ def calibrate(
     ``["focal_length", "time_offset=10ms"]``; ``method`` is a name of ``starplumb compare`` or an estimator of your own.
     ``reach_deg`` is the largest error that the mounting may have where detections must be matched with landmarks first.
     ``prior`` is an earlier result, or the path of its ``result.json``: its mounting is then the model, known with its
-    whole covariance.  Landmarks seen in both campaigns would count twice; the sum of their ``normals.json`` does not.
+    whole covariance.  Landmarks seen in both campaigns count twice, and the message names them; the sum of their
+    ``normals.json`` has them once.
     ``start="model"`` has a method that starts somewhere do so at the model mounting, as published, in place of the
     closed form.  Raises InputError where something asked for cannot be given, NotIdentified where no match is found.
     An answer that must not be used is returned like any other: look at ``status``, or call ``raise_if_unusable``.
     """
     name = method if isinstance(method, str) else type(method).__name__
     wanted = [estimate] if isinstance(estimate, str) else estimate
-    campaign = campaign if prior is None else with_prior(campaign, prior)
+    campaign, known = (campaign, None) if prior is None else with_prior(campaign, prior)
     estimator = estimator_of(method, wanted, campaign.loaded.campaign, start)
     found = identify(campaign, reach_deg)
     if found.labels is not None and found.labels.refusal:
         raise NotIdentified(campaign, found.labels, name)
-    return Result(found.campaign, run(found.campaign.loaded.campaign, estimator), name, found.labels)
+    done = run(found.campaign.loaded.campaign, estimator)
+    return Result(found.campaign, done if known is None else known.told(done), name, found.labels)
 
 
 def estimator_of(

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..documents.result import ResultDocument
 from ..estimators.protocol import Status
-from ..io.text.files import fingerprint, read_text
+from ..io.text.files import read_text
 from ..physics.errors import InputError
 from .campaign import Campaign
 from .result import Result
@@ -58,25 +58,11 @@ def _model(campaign: Campaign, *notices: str) -> Mounting:
     return Mounting(campaign.C_EK, prior_E, "model with its stated sigma", notices)
 
 
-def with_prior(campaign: Campaign, result: Result | str | Path) -> Campaign:
-    """The campaign with the mounting of an earlier result as its model, known with its whole covariance.
-
-    Raises InputError where the result cannot be used, or the campaign states a sigma of its mounting too.
-    """
-    loaded = campaign.loaded
-    if loaded.campaign.prior_E is not None:
-        raise InputError(
-            f"{campaign.source}: mounting.sigma_arcsec: found beside the prior of an earlier result, "
-            "wanted only one of the two"
-        )
+def known_before(campaign: Campaign, result: Result | str | Path) -> Mounting:
+    """The mounting of an earlier result, as a prior.  Raises InputError where it cannot be used."""
     if isinstance(result, Result):
-        mounting, inputs = _of_result(campaign, result), {}
-    else:
-        path = Path(result)
-        mounting = _of_document(_document(campaign, path), path)
-        inputs = {str(path): fingerprint(path)}
-    known = replace(loaded.campaign, C_EK=mounting.C_EK, covariance_mounting=mounting.covariance_E)
-    return replace(campaign, loaded=replace(loaded, campaign=known, inputs=loaded.inputs | inputs))
+        return _of_result(campaign, result)
+    return _of_document(_document(campaign, Path(result)), Path(result))
 
 
 def _of_result(campaign: Campaign, result: Result) -> Mounting:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..physics.camera import Camera
+from ..physics.earth import C_JT, itrf_to_geodetic
 from ..physics.light import Corrections
 from ..physics.series import Attitude, Ephemeris, Orientation
 from ..physics.trackers import FusedAttitude
@@ -65,6 +66,11 @@ class Landmarks:
         n = _distinct("landmark", self.ids)
         _shape("r_J", self.r_J, (n, 3))
         _shape("covariance_J", self.covariance_J, (n, 3, 3))
+
+    def moved(self, r_J: Array) -> Landmarks:
+        """The same markers at other places (L, 3), their errors the same to the east, north and up there."""
+        turn = C_JT(*itrf_to_geodetic(r_J)[:2]) @ C_JT(*itrf_to_geodetic(self.r_J)[:2]).mT
+        return replace(self, r_J=r_J, covariance_J=turn @ self.covariance_J @ turn.mT)
 
 
 @dataclass(frozen=True)
@@ -149,6 +155,7 @@ class Campaign:
     cov_attitude_E      (3, 3), (m, 3, 3)   of the attitude error an image's markers share, about E's axes, rad^2
     orientation                             of the Earth; needed where ``position_frame`` is inertial
     covariance_mounting (3, 3) or None      the whole covariance of that error, rad^2, in place of sigma_mounting
+    known_from                              what states that prior knowledge, for messages
     attitude_errors                         what is stated of who shares an error of attitude
     position_errors                         the same of the position error
     =================== =================== ==================================================================
@@ -171,6 +178,7 @@ class Campaign:
     attitude_errors: SharedErrors = SharedErrors()
     position_errors: SharedErrors = SharedErrors()
     covariance_mounting: Array | None = None
+    known_from: str = "mounting.sigma_arcsec"
 
     def __post_init__(self) -> None:
         _shape("C_EK", self.C_EK, (3, 3))

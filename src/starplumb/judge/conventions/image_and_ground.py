@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...physics.camera import Camera, FrameCamera, LineScanCamera
-from ...physics.earth import C_JT, WGS84_F, geodetic_to_itrf, itrf_to_geodetic
+from ...physics.earth import WGS84_F, geodetic_to_itrf, itrf_to_geodetic
 from ...physics.errors import InputError
 from ...table.campaign import Campaign
 from .mistake import Mistake
@@ -170,10 +170,7 @@ def _moving(change: Callable[[Places], Places]) -> Callable[[Campaign], Campaign
     """The change of a campaign whose landmarks have other places, their sigmas the same east, north and up."""
 
     def undo(c: Campaign) -> Campaign:
-        old = itrf_to_geodetic(c.landmarks.r_J)
-        new = change(old)
-        turn = C_JT(new[0], new[1]) @ C_JT(old[0], old[1]).mT
-        covariance = turn @ c.landmarks.covariance_J @ turn.mT
-        return replace(c, landmarks=replace(c.landmarks, r_J=geodetic_to_itrf(*new), covariance_J=covariance))
+        new = change(itrf_to_geodetic(c.landmarks.r_J))
+        return replace(c, landmarks=c.landmarks.moved(geodetic_to_itrf(*new)))
 
     return undo

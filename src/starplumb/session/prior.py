@@ -1,0 +1,91 @@
+"""An earlier result as what is known of the mounting: with its whole covariance, not three sigmas."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from ..documents.normals import NormalsDocument
+from ..io.tables.read import read_table
+from ..io.text.files import fingerprint, read_text
+from ..judge.calibrate import Calibration
+from ..judge.files.evidence import listed
+from ..physics.errors import InputError
+from .campaign import Campaign
+from .mounting import known_before
+from .result import Result
+
+
+@dataclass(frozen=True)
+class Prior:
+    """What was known of a campaign's mounting: its ``name`` in messages, and the ``landmarks`` that it is known to have
+    been found from."""
+
+    name: str
+    landmarks: frozenset[str]
+
+    def told(self, calibration: Calibration) -> Calibration:
+        """A calibration that rests on it, which says where the survey of a landmark counts twice."""
+        c = calibration
+        if not c.status.usable:
+            return c
+        used = (c.campaign.landmarks.ids[i] for i in set(c.observations.landmark[c.residuals.used].tolist()))
+        again = sorted(self.landmarks.intersection(used))
+        return replace(c, sentences=(*c.sentences, _counted_twice(self.name, again))) if again else c
+
+
+def _counted_twice(name: str, landmarks: list[str]) -> str:
+    one = len(landmarks) == 1
+    return (
+        f"{len(landmarks)} landmark{'s' * (not one)} of {name} occur{'s' * one} here too ({listed(landmarks)}): where "
+        "one name is one marker, its survey error counts twice and the sigma is too small; the sum of the two "
+        "normals.json has it once"
+    )
+
+
+def with_prior(campaign: Campaign, result: Result | str | Path) -> tuple[Campaign, Prior]:
+    """The campaign with the mounting of an earlier result as its model, known with its whole covariance.
+
+    Raises InputError where the result cannot be used, or the campaign states a sigma of its mounting too.
+    """
+    loaded = campaign.loaded
+    if loaded.campaign.prior_E is not None:
+        raise InputError(
+            f"{campaign.source}: mounting.sigma_arcsec: found beside the prior of an earlier result, "
+            "wanted only one of the two"
+        )
+    mounting = known_before(campaign, result)
+    if isinstance(result, Result):
+        prior, inputs = Prior("the prior", _landmarks_of(result)), {}
+    else:
+        path = Path(result)
+        prior, inputs = Prior(f"the prior {path}", _landmarks_beside(path)), {str(path): fingerprint(path)}
+    known = replace(
+        loaded.campaign,
+        C_EK=mounting.C_EK,
+        covariance_mounting=mounting.covariance_E,
+        known_from=prior.name,
+    )
+    return replace(campaign, loaded=replace(loaded, campaign=known, inputs=loaded.inputs | inputs)), prior
+
+
+def _landmarks_of(result: Result) -> frozenset[str]:
+    c = result.calibration
+    return frozenset(c.campaign.landmarks.ids[i] for i in c.observations.landmark[c.residuals.used].tolist())
+
+
+def _landmarks_beside(path: Path) -> frozenset[str]:
+    """Those in the solution by ``residuals.csv`` beside a result, else those that ``normals.json`` names."""
+    residuals, normals = path.with_name("residuals.csv"), path.with_name("normals.json")
+    with suppress(InputError):  # a file of another kind by that name says nothing
+        if residuals.is_file():
+            table = read_table(residuals, texts=("landmark_id", "role"))
+            pairs = zip(table.texts["landmark_id"], table.texts["role"], strict=True)
+            return frozenset(landmark for landmark, role in pairs if role == "control")
+        if normals.is_file():
+            unknowns = NormalsDocument.from_json(read_text(normals), str(normals)).unknowns
+            return frozenset(
+                u.name[len("landmark[") : -1] for u in unknowns if u.name.startswith("landmark[")
+            )
+    return frozenset()
