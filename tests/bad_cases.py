@@ -275,8 +275,8 @@ KEYS = [
     ),
     BadCase(
         "format-unknown",
-        swap(TOML, "ephemeris.csv", "ephemeris.e"),
-        ("ephemeris.file", 'found "ephemeris.e"', ".oem"),
+        both(swap(TOML, "ephemeris.csv", "ephemeris.nc"), put("ephemeris.nc", "CDF")),
+        ("ephemeris.nc", 'begins with "CDF"', "wanted a table or CCSDS OEM, SP3, SPICE SPK"),
     ),
     BadCase("file-empty-name", swap(TOML, '"landmarks.csv"', '""'), ("landmarks.file", 'found ""')),
     BadCase(
@@ -837,9 +837,9 @@ MESSAGES = [
     BadCase(
         "object-of-a-table",
         swap(TOML, "sigma_m = 3.0", 'sigma_m = 3.0\nobject = "BIRD"'),
-        ("campaign.toml: ephemeris.object", "beside a table"),
+        ("ephemeris.csv", "a table beside ephemeris.object"),
     ),
-    BadCase("oem-no-oem", both(USE_OEM, put("orbit.oem", EPH)), ("orbit.oem",)),
+    BadCase("oem-no-oem", both(USE_OEM, put("orbit.oem", "no orbit")), ("orbit.oem, line 1", "no orbit")),
     BadCase(
         "aem-other-direction",
         both(
@@ -856,12 +856,12 @@ MESSAGES = [
     ),
     BadCase(
         "bsp-is-none",
-        both(swap(TOML, "ephemeris.csv", "orbit.bsp"), put("orbit.bsp", EPH)),
+        both(swap(TOML, "ephemeris.csv", "orbit.bsp"), put("orbit.bsp", "no orbit")),
         ("orbit.bsp", "SPK"),
     ),
     BadCase(
         "sp3-is-none",
-        both(swap(TOML, "ephemeris.csv", "orbit.sp3"), put("orbit.sp3", EPH)),
+        both(swap(TOML, "ephemeris.csv", "orbit.sp3"), put("orbit.sp3", "no orbit")),
         ("orbit.sp3", "SP3"),
     ),
 ]

@@ -232,12 +232,6 @@ def test_so_it_is_from_parquet_arrow_and_data_frames(tmp_path, kind):
             '"knots"',
             'ephemeris.units.velocity: found "knots", wanted "m/s" or "km/s"',
         ),
-        (
-            "campaign.toml",
-            '"ephemeris.csv"',
-            '"ephemeris.oem"',
-            "ephemeris.units: found beside a file that is no table",
-        ),
         ("campaign.toml", "valid = 1", "valid = []", "attitude.keep.valid: found []"),
         ("campaign.toml", "valid = 1", "vaild = 1", 'wanted the column vaild too (did you mean "valid"?)'),
     ],

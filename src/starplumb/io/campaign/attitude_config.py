@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import BeforeValidator, Field
 
 from ..tables.keys import TimedKeys
-from ..tables.read import TABLE_SUFFIXES
 from ..text.files import show
 from ..text.sections import Section
 from ..text.values import (
@@ -19,7 +18,6 @@ from ..text.values import (
     Sigma,
     Text,
     choice,
-    file_name,
     frame_name,
     printable,
 )
@@ -27,9 +25,6 @@ from .fixed_frames import CAMERA, Frames, Rotation, written_frames
 
 EARTH_FRAMES = (*GCRF, "ITRF", "TEME", "TOD", "MOD")
 """Frames an attitude may start from or lead to."""
-
-SUFFIXES = (*TABLE_SUFFIXES, ".aem", ".xml")
-"""Endings of files of attitude."""
 
 _SHARED = ("image", "pass", "session", "campaign")
 Shared = Annotated[Literal["image", "pass", "session", "campaign"], choice(*_SHARED)]
@@ -63,9 +58,9 @@ class Mounting(Rotation):
 class AttitudeConfig(TimedKeys):
     """[attitude]: the quaternion takes ``from`` to ``to``; one of them is GCRF or ITRF."""
 
-    file: Annotated[str, BeforeValidator(file_name(*SUFFIXES))] = Field(
-        description="the name of the file of quaternions"
-    )
+    by_content: ClassVar[bool] = True
+
+    file: Text = Field(description="the name of the file of quaternions")
     source: Annotated[str, BeforeValidator(printable), BeforeValidator(frame_name)] = Field(
         alias="from", description='"GCRF", "ITRF" or the star tracker\'s name'
     )

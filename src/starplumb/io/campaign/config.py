@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping
 from datetime import datetime
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import BeforeValidator, Field
 
@@ -43,7 +43,6 @@ from .fixed_frames import CAMERA, FixedFrame, Frames, frame_rules
 from .spice_config import SpiceConfig
 
 SUFFIXES = {
-    "ephemeris": (*TABLE_SUFFIXES, ".oem", ".xml", ".sp3", ".bsp"),
     "landmarks": (*TABLE_SUFFIXES, ".gpkg", ".geojson", ".json", ".shp"),
     "table": TABLE_SUFFIXES,
 }
@@ -151,9 +150,9 @@ class CameraConfig(Section):
 class EphemerisConfig(TimedKeys):
     """[ephemeris]"""
 
-    file: Annotated[str, BeforeValidator(file_name(*SUFFIXES["ephemeris"]))] = Field(
-        description="the name of the file of positions"
-    )
+    by_content: ClassVar[bool] = True
+
+    file: Text = Field(description="the name of the file of positions")
     frame: Frame = Field(description='"ITRF", "GCRF", "TEME", "TOD" or "MOD"')
     sigma_m: Sigma = Field(description="the position's sigma (one number or three), which the solution needs")
     max_gap_s: Positive | None = Field(
@@ -181,8 +180,7 @@ class EphemerisConfig(TimedKeys):
     def rules(cls, given: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         yield from super().rules(given)
         yield from sharing_rules(given)
-        file = given.get("file", "")
-        if "object" in given and (isinstance(file, InMemory) or str(file).lower().endswith(TABLE_SUFFIXES)):
+        if "object" in given and isinstance(given.get("file"), InMemory):
             yield (
                 "object",
                 "found beside a table (CSV or the like), wanted it where the file names its satellites",

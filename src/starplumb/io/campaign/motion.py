@@ -15,10 +15,12 @@ from ...physics.rounding import decimal_step
 from ...physics.series import Attitude, Ephemeris
 from ...physics.timescales import format_iso
 from ...physics.units import ARCSEC
+from ..formats.registry import ATTITUDES, ORBITS, Asked, recognised
 from ..formats.series_tables import AttitudeTable, EphemerisTable
 from ..tables.cells import Array
 from ..tables.columns import CARTESIAN
-from ..tables.read import Epochs, Table, TableSource, epochs, other_format, read_table
+from ..tables.keys import TimedKeys
+from ..tables.read import Epochs, Frame, Table, TableSource, epochs, read_table
 from ..text.files import show
 from ..text.frames import EarthFrame, earth_frame
 from ..text.values import UNIT_TOLERANCE
@@ -61,10 +63,11 @@ def read_ephemeris(
 
     Raises InputError where the file contradicts the campaign or holds no orbit around the Earth.
     """
-    if path := other_format(source):
-        table = _standard_ephemeris(path, config, images_t_ns)
-    else:
+    form = None if isinstance(source, Frame) else recognised(source, ORBITS)
+    if form is None or isinstance(source, Frame):
         table = _ephemeris_table(source, config, scale)
+    else:
+        table = form.read(source, _asked(form.name, source, config, images_t_ns))
     notices += table.notices
     if table.frame != config.frame:
         word = show(table.frame_text or table.frame)
@@ -84,14 +87,13 @@ def read_attitude(
     source: TableSource, config: AttitudeConfig, scale: str, notices: list[str], key: str = "attitude"
 ) -> AttitudeSamples:
     """The attitude as C_EF of the section ``key``, E the star tracker's frame and F the Earth's or the inertial one."""
-    path = other_format(source)
-    if path is None:
+    form = None if isinstance(source, Frame) else recognised(source, ATTITUDES)
+    if form is None or isinstance(source, Frame):
         return _attitude_table(source, config, scale, notices, key)
-    from ..formats.aem import read_aem
-
-    table = read_aem(path)
+    _require_no_table_keys(form.name, source, config, key)
+    table = form.read(source, Asked())
     notices += table.notices
-    return _standard_attitude(path, config, table, notices, key)
+    return _standard_attitude(source, config, table, notices, key)
 
 
 def earth_fixed(
@@ -114,6 +116,10 @@ def earth_fixed(
 
 
 def _ephemeris_table(source: TableSource, config: EphemerisConfig, scale: str) -> EphemerisTable:
+    if config.object is not None:
+        raise InputError(
+            f"{source}: found a table beside ephemeris.object, wanted it where the file names its satellites"
+        )
     declared, units = config.declared("ephemeris"), config.units
     table = read_table(
         source, texts=("time",), numbers=CARTESIAN, optional_numbers=VELOCITY, declared=declared
@@ -133,38 +139,21 @@ def _ephemeris_table(source: TableSource, config: EphemerisConfig, scale: str) -
     )
 
 
-def _standard_ephemeris(path: Path, config: EphemerisConfig, images_t_ns: Epochs) -> EphemerisTable:
-    """The orbit of a file in a standard format, recognised by its ending."""
-    match path.suffix.lower():
-        case ".sp3":
-            from ..formats.sp3 import read_sp3
-
-            return read_sp3(path, config.object)
-        case ".bsp":
-            return _kernel(path, config, images_t_ns)
-        case _:
-            return _message(path, config)
-
-
-def _kernel(path: Path, config: EphemerisConfig, images_t_ns: Epochs) -> EphemerisTable:
-    from ..formats.spice import read_spk
-
-    if config.object is not None and not config.object.lstrip("-").isdecimal():
-        found = f"found ephemeris.object = {show(config.object)}"
-        raise InputError(f"{path}: {found}, wanted the whole number by which SPICE knows the satellite")
-    target = None if config.object is None else int(config.object)
+def _asked(name: str, source: Path, config: EphemerisConfig, images_t_ns: Epochs) -> Asked:
+    """What the campaign asks of a file in the standard format ``name``."""
+    _require_no_table_keys(name, source, config, "ephemeris")
     start, stop = int(images_t_ns.min()) - _AROUND_NS, int(images_t_ns.max()) + _AROUND_NS
-    return read_spk(path, start_ns=start, stop_ns=stop, target=target)
+    return Asked(config.object, start, stop, config.frame)
 
 
-def _message(path: Path, config: EphemerisConfig) -> EphemerisTable:
-    from ..formats.oem import read_oem
-
-    table = read_oem(path)
-    if config.object is not None and config.object not in (table.object_name, table.object_id):
-        found = f"found the object {show(table.object_name)} ({show(table.object_id)})"
-        raise InputError(f"{path}: {found}, wanted {show(config.object)} as ephemeris.object says")
-    return table
+def _require_no_table_keys(name: str, source: Path, config: TimedKeys, section: str) -> None:
+    """Raise InputError where columns, units or times are declared of a file that says its own."""
+    for key in ("columns", "keep", "time", "units"):
+        if key in config.model_fields_set:
+            raise InputError(
+                f"{source}: found a file of the format {name}, which is no table (CSV, Parquet or Arrow), "
+                f"wanted {section}.{key} left out"
+            )
 
 
 def _require_orbit(source: TableSource, table: EphemerisTable) -> None:

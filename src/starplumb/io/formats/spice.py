@@ -16,7 +16,7 @@ import numpy.typing as npt
 from ...physics import timescales
 from ...physics.errors import InputError
 from ...physics.units import ARCSEC
-from ..text.files import trouble
+from ..text.files import read_beginning, trouble, unpacked_file
 from .series_tables import EphemerisTable, EpochArray, FloatArray
 from .spice_names import DEFAULT_IDS, FrameIds, frame_name
 
@@ -79,9 +79,9 @@ def read_spk(
         raise InputError(f"{path}: the sampling step is {step_s} s, wanted more than 0")
     spice = _spiceypy()
     _check_kind(path)
-    with _loaded(spice, path):
-        body = _target(path, sorted(spice.spkobj(str(path))), target)
-        spans = _spans(path, spice.spkcov(str(path), body), start_ns, stop_ns)
+    with unpacked_file(Path(path)) as kernel, _loaded(spice, path, kernel):
+        body = _target(path, sorted(spice.spkobj(str(kernel))), target)
+        spans = _spans(path, spice.spkcov(str(kernel), body), start_ns, stop_ns)
         epochs = [_samples(span, step_s) for span in spans]
         tdb = np.concatenate([_tdb(span, t_ns) for span, t_ns in zip(spans, epochs, strict=True)])
         states = np.array(spice.spkezr(str(body), tdb, "J2000", "NONE", "EARTH")[0]) * 1e3
@@ -109,25 +109,29 @@ def _spiceypy() -> ModuleType:
 
 
 @contextmanager
-def _loaded(spice: ModuleType, path: str | Path) -> Iterator[None]:
-    """Load the kernel, and unload it afterwards; errors of SPICE become InputError."""
+def _loaded(spice: ModuleType, path: str | Path, kernel: Path) -> Iterator[None]:
+    """Load the kernel of the user's file ``path``, and unload it afterwards; errors of SPICE become InputError."""
     try:
-        spice.furnsh(str(path))
+        spice.furnsh(str(kernel))
         try:
             yield
         finally:
-            spice.unload(str(path))
+            spice.unload(str(kernel))
     except spice.utils.exceptions.SpiceyError as error:
         reason = " ".join(f"{error.short} {error.long}".split())
         raise InputError(f"{path}: SPICE cannot use this kernel: {reason}") from None
 
 
+def is_spk(start: bytes) -> bool:
+    """Whether a file that begins with ``start`` is a SPICE kernel of orbits."""
+    return start.startswith(_SPK_STARTS)
+
+
 def _check_kind(path: str | Path) -> None:
     if (found := trouble(Path(path))) is not None:
         raise InputError(f"{path}: {found}")
-    with Path(path).open("rb") as file:
-        if not file.read(8).startswith(_SPK_STARTS):
-            raise InputError(f"{path}: is not a SPICE SPK, which begins with DAF/SPK")
+    if not is_spk(read_beginning(Path(path))):
+        raise InputError(f"{path}: is not a SPICE SPK, which begins with DAF/SPK")
 
 
 def _target(path: str | Path, bodies: list[int], target: int | None) -> int:

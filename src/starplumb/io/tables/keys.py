@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import BeforeValidator, Field
 
@@ -74,6 +74,9 @@ class TimeConfig(Section):
 class TableKeys(Section):
     """Keys of a section that names a table."""
 
+    by_content: ClassVar[bool] = False
+    """Whether the file may be of a standard format too, which its first lines tell when it is read."""
+
     columns: dict[str, Text] = Field(
         default_factory=dict, description='our names of columns with the table\'s, { time = "epoch" }'
     )
@@ -93,7 +96,8 @@ class TableKeys(Section):
     def rules(cls, given: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         file = given.get("file", ".csv")
         if (
-            not isinstance(file, InMemory)
+            not cls.by_content
+            and not isinstance(file, InMemory)
             and isinstance(file, str)
             and not file.lower().endswith(TABLE_SUFFIXES)
         ):

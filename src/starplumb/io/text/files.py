@@ -4,13 +4,18 @@ from __future__ import annotations
 
 import codecs
 import hashlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from difflib import get_close_matches
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from ...physics.errors import InputError
+from .packed import beginning, is_packed, unpacked
 
 _SHOWN = 60
+_HEAD = 1 << 16
+"""Bytes by which a format is known; the comments before its first word are shorter."""
 _MARKS = (
     (codecs.BOM_UTF32_LE, "UTF-32"),
     (codecs.BOM_UTF32_BE, "UTF-32"),
@@ -57,13 +62,39 @@ def trouble(path: Path) -> str | None:
 
 
 def read_bytes(path: Path) -> bytes:
-    """Content of a file. Raises InputError where it is missing, a folder, unreadable or empty."""
+    """Content of a file, unpacked where it is packed.
+
+    Raises InputError where it is missing, a folder, unreadable, empty or damaged.
+    """
     if (found := trouble(path)) is not None:
         raise InputError(f"{path}: {found}")
-    data = path.read_bytes()
+    data = unpacked(str(path), path.read_bytes())
     if not data.strip():
         raise InputError(f"{path}: found an empty file, wanted one with content")
     return data
+
+
+def read_beginning(path: Path) -> bytes:
+    """The first bytes of what a file holds, unpacked; empty where it cannot be opened."""
+    try:
+        with path.open("rb") as file:
+            return beginning(str(path), file.read(_HEAD), _HEAD)
+    except (OSError, ValueError):
+        return b""
+
+
+@contextmanager
+def unpacked_file(path: Path) -> Iterator[Path]:
+    """A file for libraries that open it themselves: ``path``, or while it is used a copy of what is packed there."""
+    with path.open("rb") as file:
+        packed = is_packed(file.read(4))
+    if not packed:
+        yield path
+        return
+    with TemporaryDirectory() as folder:
+        copy = Path(folder) / path.stem
+        copy.write_bytes(read_bytes(path))
+        yield copy
 
 
 def read_text(path: Path) -> str:
