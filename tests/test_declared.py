@@ -418,25 +418,21 @@ file = "landmarks.csv"
 time_from_id = "SAT1_%Y%m%dT%H%M%S.%fZ_L1A"
 
 [observations]
-file = "observations.csv"
+file = "*.points"
+sigma_px = 0.3
 """
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:Use `@` matmul:PendingDeprecationWarning")
 def test_a_small_satellites_telemetry_calibrates_as_it_comes(shared_cases, tmp_path):
-    """Sigma and truth are the case's own; its ground points become rows, pixels counted from the corner downwards."""
-    folder = shared_cases / "telemetry"
-    for name in ("adcs_tlm.csv", "gps_eci.csv", "landmarks.csv"):
-        (tmp_path / name).write_bytes((folder / name).read_bytes())
-    rows = ["image_id,landmark_id,column_px,row_px,sigma_px"]
-    for path in sorted(folder.glob("*.points")):
-        for line, text in enumerate(path.read_text().splitlines()[2:], 3):
-            _, _, x, y, *_ = text.split(",")
-            rows.append(f"{path.stem},{path.stem}-{line},{x},{-float(y)},0.3")
-    (tmp_path / "observations.csv").write_text("\n".join(rows))
+    """Sigma and truth are the case's own."""
+    for path in (shared_cases / "telemetry").glob("*.*"):
+        (tmp_path / path.name).write_bytes(path.read_bytes())
     (tmp_path / "campaign.toml").write_text(TELEMETRY)
     result = sp.calibrate(sp.read_campaign(tmp_path / "campaign.toml"), method="gls")
     sigma = result.sigma_arcsec
     assert result.usable
     np.testing.assert_allclose(sigma, [11.7, 7.1, 18.1], rtol=0.02)
     assert np.all(np.abs(result.correction_arcsec - [-1450.0, 920.0, 2600.0]) < 3.0 * sigma)
+    assert {path.name for path in tmp_path.glob("*.points")} < set(result.campaign.loaded.inputs)

@@ -48,7 +48,7 @@ def points(
       \b
       starplumb points control.gcp --out campaign
     """
-    from ..io.campaign.ground_tables import Sigmas, tables
+    from ..io.campaign.marks.ground_tables import Sigmas, tables
     from ..io.gis.heights import Ground
     from ..io.text.write import publish
 

@@ -73,14 +73,14 @@ def parse(texts: Sequence[str], scale: str) -> Int64:
     """Epochs ``t_ns`` (n,) of ISO 8601 texts in one of ``SCALES``.
 
     ``YYYY-MM-DDThh:mm:ss[.f...]`` or ``YYYY-DDDThh:mm:ss[.f...]``, ``T`` or one blank, any number of decimals
-    (rounded to the nanosecond), in UTC a trailing ``Z`` and second 60 where a leap second was inserted.
+    (rounded to the nanosecond), in UTC a trailing ``Z`` or ``+00:00`` and second 60 where a leap second was inserted.
     Raises EpochError with an offending row; its text leaves file and row to the caller.
     """
     _check_scale(scale)
     texts = [text.strip() for text in texts]
     if not texts:
         return np.empty(0, dtype=np.int64)
-    chars, length = _characters(texts, scale)
+    chars, length = _characters([text.replace("+00:00", "Z") for text in texts], scale)
     zulu = chars[np.arange(len(texts)), length - 1] == ord("Z")
     mjd, calendar, date_good = _date(chars)
     clock = np.where(calendar[:, None], chars[:, 11:], chars[:, 9:-2])
@@ -267,10 +267,10 @@ def _complaint(text: str, scale: str) -> str:
     found = f"found {text if len(text) <= _LONGEST else text[:_LONGEST] + '...'!r}"
     if not text:
         return f"found no time, wanted {_WANTED} in {scale}"
-    if re.search(r":\d\d(\.\d*)?\s*[+-]\d\d(:?\d\d)?$", text):
+    if re.search(r":\d\d(\.\d*)?\s*[+-]\d\d(:?\d\d)?$", text) and not text.endswith("+00:00"):
         return f"{found} with an offset from UTC, wanted the time in {scale} without an offset"
-    if text.endswith("Z") and scale != "UTC":
-        return f"{found}, whose Z says UTC, wanted a time in {scale}"
+    if text.endswith(("Z", "+00:00")) and scale != "UTC":
+        return f"{found}, which says UTC, wanted a time in {scale}"
     if re.search(r":60(\.\d*)?Z?$", text):
         return f"{found}, wanted a second below 60, since {scale} had no leap second then"
     return f"{found}, wanted {_WANTED} in {scale}, of a date that exists"

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from ..documents.numbers import numbers
-from ..io.campaign.config import ImagesConfig
 from ..io.campaign.fixed_frames import CAMERA
+from ..io.campaign.table_config import ImagesConfig
 from ..io.tables.read import read_table
 from ..io.text.values import InMemory
 from ..judge.conventions.mistake import Mistake, Written
@@ -112,7 +112,7 @@ def _decimals(folder: Path, config: ImagesConfig) -> int | None:
     asked = {name: each for name, each in config.columns.items() if name == "time"}
     declared = replace(config.declared("images"), columns=asked)
     texts = read_table(folder / config.file, texts=("time",), declared=declared).texts["time"]
-    return max((len(text.rstrip("Zz").partition(".")[2]) for text in texts), default=0)
+    return max((len(text.removesuffix("+00:00").rstrip("Zz").partition(".")[2]) for text in texts), default=0)
 
 
 def _mistake(mistake: Mistake) -> dict[str, str]:

@@ -14,9 +14,10 @@ from ..documents.numbers import numbers
 from ..ground.geolocation import block_count, positions, terrain_below
 from ..ground.locate import Location, ground
 from ..ground.terrain import ground_height, slopes
-from ..io.campaign.markers import bounds_px
+from ..io.campaign.marks.markers import bounds_px, meant
 from ..io.gis.heights import Heights, Surface
 from ..io.gis.heights import surface as dem_surface
+from ..io.text.files import composed
 from ..physics.errors import ArgumentError, InputError
 from ..physics.units import DEG
 from .arguments import NotNegative, checked
@@ -154,10 +155,10 @@ def view_of(
         raise ArgumentError("height_m", f"found {height_m}, wanted a finite number")
     if height_m is not None and dem is not None:
         raise ArgumentError("height_m", "found beside a DEM, wanted only one of the two")
-    ids = campaign.images
+    ids, image = campaign.images, composed(image)
     if image not in ids:
         some = f"{', '.join(ids[:8])}{' ...' if len(ids) > 8 else ''}"
-        raise ArgumentError("image", f"found {image!r}, wanted one of {some}")
+        raise ArgumentError("image", f"found {image!r}, wanted one of {some}{meant(image, ids)}")
     below = None if dem is None else dem_surface(Path(dem), heights, None if geoid is None else Path(geoid))
     return View(campaign, ids.index(image), mounting_of(campaign, result), below, height_m or 0.0)
 

@@ -5,17 +5,14 @@ Values stay in the units their keys name; :mod:`starplumb.io.campaign.read` brin
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Mapping
-from datetime import datetime
 from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import BeforeValidator, Field
+from pydantic import Field
 
-from ..tables.keys import TableKeys, TimedKeys, UnitsConfig
-from ..tables.read import TABLE_SUFFIXES
+from ..tables.keys import TimedKeys, UnitsConfig
 from ..text.files import show
-from ..text.sections import Section, wrong
+from ..text.sections import Section
 from ..text.values import (
     Frame,
     InMemory,
@@ -28,7 +25,6 @@ from ..text.values import (
     WholePair,
     Window,
     choice,
-    file_name,
 )
 from .attitude_config import (
     AttitudeConfig,
@@ -41,11 +37,7 @@ from .attitude_config import (
 )
 from .fixed_frames import CAMERA, FixedFrame, Frames, frame_rules
 from .spice_config import SpiceConfig
-
-SUFFIXES = {
-    "landmarks": (*TABLE_SUFFIXES, ".gpkg", ".geojson", ".json", ".shp"),
-    "table": TABLE_SUFFIXES,
-}
+from .table_config import DetectionsConfig, ImagesConfig, LandmarksConfig, ObservationsConfig
 
 
 class General(Section):
@@ -187,73 +179,6 @@ class EphemerisConfig(TimedKeys):
             )
 
 
-class LandmarksConfig(TableKeys):
-    """[landmarks]"""
-
-    file: Annotated[str, BeforeValidator(file_name(*SUFFIXES["landmarks"]))] = Field(
-        description="the name of the file of landmarks"
-    )
-    dem: Text | None = Field(default=None, description="the name of a raster of ground heights")
-    heights: Annotated[Literal["ellipsoidal", "geoid"], choice("ellipsoidal", "geoid")] | None = Field(
-        default=None, description='"ellipsoidal" or "geoid"'
-    )
-    geoid: Text | None = Field(default=None, description="the name of a raster of the geoid's heights")
-    common_sigma_m: Sigma | None = Field(
-        default=None, description="a further error that the landmarks of one survey share (east, north, up)"
-    )
-
-    @classmethod
-    def rules(cls, given: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-        yield from super().rules(given)
-        if "dem" in given and "heights" not in given:
-            yield "heights", 'missing, wanted what the heights of the DEM are above, "ellipsoidal" or "geoid"'
-        if given.get("heights") == "geoid" and "geoid" not in given:
-            yield "geoid", 'missing, wanted the name of a raster of the geoid beside heights = "geoid"'
-        if "geoid" in given and given.get("heights") != "geoid":
-            yield "geoid", 'found it without heights = "geoid", wanted both or neither'
-
-
-class TableConfig(TableKeys):
-    """[observations] or [detections]"""
-
-    file: Annotated[str, BeforeValidator(file_name(*SUFFIXES["table"]))] = Field(
-        description="the name of a table (CSV, Parquet or Arrow)"
-    )
-
-
-def _dated(value: object) -> object:
-    """A pattern of ``datetime.strptime`` from which a whole date and time come back."""
-    moment = datetime(2001, 11, 23, 14, 25, 36)
-    try:
-        good = isinstance(value, str) and datetime.strptime(moment.strftime(value), value) == moment
-    except (ValueError, TypeError, re.error):
-        good = False
-    if not good:
-        raise wrong(
-            value, 'a pattern with a whole date and time such as "SAT1_%Y%m%dT%H%M%S.%fZ_L1A", no zone'
-        )
-    return value
-
-
-class ImagesConfig(TimedKeys):
-    """[images]: a table, or the images of the observations with their times in their ids."""
-
-    file: Annotated[str, BeforeValidator(file_name(*SUFFIXES["table"]))] | None = Field(
-        default=None, description="the name of a table (CSV, Parquet or Arrow)"
-    )
-    time_from_id: Annotated[str, BeforeValidator(_dated)] | None = Field(
-        default=None, description='how an image_id has its time, such as "SAT1_%Y%m%dT%H%M%S.%fZ_L1A"'
-    )
-
-    @classmethod
-    def rules(cls, given: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-        yield from super().rules(given)
-        if "file" not in given and "time_from_id" not in given:
-            yield "file", f"missing, wanted {cls.model_fields['file'].description} (or time_from_id)"
-        if "time" in given and "time_from_id" in given:
-            yield "time", "found beside time_from_id, wanted only one of the two"
-
-
 class CorrectionsConfig(Section):
     """[corrections]; a key left out has the value written here."""
 
@@ -298,8 +223,12 @@ class CampaignConfig(Section):
     )
     landmarks: LandmarksConfig = Field(description="the section [landmarks] with file")
     images: ImagesConfig = Field(description="the section [images] with file")
-    observations: TableConfig | None = Field(default=None, description="the section [observations] with file")
-    detections: TableConfig | None = Field(default=None, description="the section [detections] with file")
+    observations: ObservationsConfig | None = Field(
+        default=None, description="the section [observations] with file"
+    )
+    detections: DetectionsConfig | None = Field(
+        default=None, description="the section [detections] with file"
+    )
     corrections: CorrectionsConfig = Field(
         default_factory=lambda: CorrectionsConfig(), description="the section [corrections]"
     )

@@ -26,7 +26,7 @@ from ..text.frames import EarthFrame, earth_frame
 from ..text.values import UNIT_TOLERANCE
 from .attitude_config import AttitudeConfig
 from .config import EphemerisConfig
-from .markers import require_radius
+from .marks.landmarks import require_radius
 
 VELOCITY = ("vx_m_s", "vy_m_s", "vz_m_s")
 QUATERNION = ("qx", "qy", "qz", "qw")
@@ -177,8 +177,7 @@ def _increasing(table: Table, scale: str) -> Epochs:
         row = int(np.argmax(late)) + 1
         again = "again" if t_ns[row] == t_ns[row - 1] else f"after {show(table.texts['time'][row - 1])}"
         found = f"{show(table.texts['time'][row])} {again} (row {table.row_number(row - 1)})"
-        where = f"{table.source}, row {table.row_number(row)}, column {table.declared.name('time')}"
-        raise InputError(f"{where}: found {found}, wanted times that increase")
+        raise InputError(f"{table.where(row, 'time')}: found {found}, wanted times that increase")
     return t_ns
 
 
@@ -199,8 +198,7 @@ def _attitude_table(
     off = np.abs(norm - 1.0) > UNIT_TOLERANCE
     if off.any():
         row = int(np.argmax(off))
-        names = ", ".join(map(table.declared.name, QUATERNION))
-        where = f"{source}, row {table.row_number(row)}, columns {names}"
+        where = table.where(row, *QUATERNION)
         raise InputError(f"{where}: found a quaternion of norm {norm[row]:.6g}, wanted norm 1")
     sigma = None
     if table.has(*SIGMA_ATTITUDE):

@@ -17,18 +17,21 @@ from ...physics.units import ARCSEC
 from ...table.campaign import Campaign, Detections, Images, Landmarks, Sightings
 from ..gis.heights import Ground
 from ..tables.cells import Array
-from ..tables.read import Frame, TableSource
-from ..text.files import fingerprint, trouble
 from ..text.frames import earth_frame
 from ..text.toml import check, refuse
-from . import markers, motion
+from . import motion
 from .attitude import Exposures, model_mounting, read_attitude
 from .camera import pixel_shift, read_camera
-from .config import CampaignConfig, LandmarksConfig
+from .config import CampaignConfig
+from .files import Files
 from .fixed_frames import Turn
-from .settings import Settings, read_settings
+from .marks import markers
+from .marks.images import images_of, read_images
+from .marks.landmarks import read_landmarks
+from .settings import read_settings
 from .sharing import attitude_sharing, position_sharing
 from .spice_config import spice_rules
+from .table_config import LandmarksConfig
 
 _EXACT = 1e-6
 """A matrix this near to orthonormal is taken as a rotation written with its digits; beyond it a notice says
@@ -93,7 +96,7 @@ def load_campaign(
     flown = config.ephemeris.object if config.ephemeris.file.lower().endswith(".bsp") else None
     if problems := [f"{key}: {text}" for key, text in spice_rules(config.spice, config.tracker, flown)]:
         raise refuse(given.name, problems)
-    files = _locate(config, given)
+    files = Files.of(config, given)
     if config.detections is not None and not with_detections:
         raise InputError(
             f"{given.name}: detections: found marker images whose landmarks are not known, wanted [observations]: "
@@ -102,75 +105,30 @@ def load_campaign(
     notices: list[str] = []
     orientation = _orientation(config, files)
     campaign, detections = _assemble(config, files, orientation, notices, given.name)
-    inputs = dict(given.digest)
-    for key, name in _named(config).items():
-        inputs |= _fingerprints(name, files[key])
-    return LoadedCampaign(campaign, config, inputs, tuple(notices), orientation, detections)
+    return LoadedCampaign(
+        campaign, config, given.digest | files.fingerprints(), tuple(notices), orientation, detections
+    )
 
 
-def _named(config: CampaignConfig) -> dict[str, str]:
-    """Key and name of every file of the campaign."""
-    named = {
-        "ephemeris.file": config.ephemeris.file,
-        "landmarks.file": config.landmarks.file,
-    }
-    optional = {
-        "images.file": config.images.file,
-        "camera.look_angles": config.camera.look_angles,
-        "landmarks.dem": config.landmarks.dem,
-        "landmarks.geoid": config.landmarks.geoid,
-        "observations.file": config.observations and config.observations.file,
-        "detections.file": config.detections and config.detections.file,
-        "earth.orientation_file": config.earth and config.earth.orientation_file,
-    }
-    attitudes = {f"{key}.file": section.file for key, section in config.attitudes.items()}
-    return named | attitudes | {key: name for key, name in optional.items() if name}
-
-
-def _locate(config: CampaignConfig, given: Settings) -> dict[str, TableSource]:
-    """Every table given, and where each named file is. Raises InputError that lists all that cannot be opened."""
-    files = {key: given.tables.get(key, given.folder / name) for key, name in _named(config).items()}
-    faults = {key: trouble(place) for key, place in files.items() if isinstance(place, Path)}
-    problems = [f"{key}: {files[key]}: {fault}" for key, fault in faults.items() if fault]
-    if problems:
-        raise refuse(given.name, problems)
-    return files
-
-
-def _path(files: Mapping[str, TableSource], key: str) -> Path | None:
-    """The file of a key that no data frame can stand for, where there is one."""
-    place = files.get(key)
-    return place if isinstance(place, Path) else None
-
-
-def _fingerprints(name: str, place: TableSource) -> dict[str, str]:
-    """Digest of a table or file, and of those that belong to it: a shapefile keeps its attributes in a second one."""
-    if isinstance(place, Frame):
-        return {name: place.fingerprint()}
-    parts = {Path(name).with_suffix(end).as_posix(): place.with_suffix(end) for end in (".dbf", ".prj")}
-    beside = {key: part for key, part in parts.items() if place.suffix.lower() == ".shp" and part.is_file()}
-    return {key: fingerprint(part) for key, part in ({name: place} | beside).items()}
-
-
-def _orientation(config: CampaignConfig, files: Mapping[str, TableSource]) -> EarthOrientation | None:
+def _orientation(config: CampaignConfig, files: Files) -> EarthOrientation | None:
     """The Earth's orientation where a frame of the campaign is inertial."""
     frames = {config.ephemeris.frame}.union(*((a.source, a.target) for a in config.attitudes.values()))
     inertial = {earth_frame(frame) for frame in frames} - {"ITRF", None}
-    return EarthOrientation.load(_path(files, "earth.orientation_file")) if inertial else None
+    return EarthOrientation.load(files.path("earth.orientation_file")) if inertial else None
 
 
 def _assemble(
     config: CampaignConfig,
-    files: Mapping[str, TableSource],
+    files: Files,
     orientation: EarthOrientation | None,
     notices: list[str],
     settings: str,
 ) -> tuple[Campaign, Detections | None]:
     scale = config.campaign.time_scale
-    camera = read_camera(config.camera, files.get("camera.look_angles"), notices)
+    camera = read_camera(config.camera, files.tables.get("camera.look_angles"), notices)
     images = _images(config, files, camera.scans, notices)
-    landmarks = markers.read_landmarks(
-        files["landmarks.file"],
+    landmarks = read_landmarks(
+        files.of_points("landmarks"),
         notices,
         _ground(config.landmarks, files),
         config.landmarks.declared("landmarks"),
@@ -180,11 +138,11 @@ def _assemble(
     grid = markers.Grid(*camera.size_px, shift_px=pixel_shift(config.camera))
     sightings, detections = _marks(config, files, images, landmarks, grid, notices)
     ephemeris = motion.read_ephemeris(
-        files["ephemeris.file"], config.ephemeris, scale, images.t_ns, orientation, notices
+        files.tables["ephemeris.file"], config.ephemeris, scale, images.t_ns, orientation, notices
     )
     marks = sightings if detections is None else detections
     exposures = Exposures(images, marks.image, images.exposed(marks.image, marks.row_px))
-    attitude, cov_attitude_E = read_attitude(settings, config, files, orientation, exposures, notices)
+    attitude, cov_attitude_E = read_attitude(settings, config, files.tables, orientation, exposures, notices)
     turns = {"mounting": config.mounting} | {f"frames.{name}": f for name, f in config.frames.items()}
     notices += [text for key, turn in turns.items() for text in _rounded(f"{settings}: {key}", turn)]
     if config.earth is not None and orientation is None:
@@ -213,34 +171,32 @@ def _assemble(
     return campaign, detections
 
 
-def _images(
-    config: CampaignConfig, files: Mapping[str, TableSource], scans: bool, notices: list[str]
-) -> Images:
+def _images(config: CampaignConfig, files: Files, scans: bool, notices: list[str]) -> Images:
     """The images of their table, or where there is none those of the observations or detections."""
     scale, pattern, declared = (
         config.campaign.time_scale,
         config.images.time_from_id,
         config.images.declared("images"),
     )
-    if "images.file" in files:
-        return markers.read_images(files["images.file"], scale, scans, notices, declared, pattern)
+    if "images.file" in files.tables:
+        return read_images(files.tables["images.file"], scale, scans, notices, declared, pattern)
     key, marks = (
         ("observations", config.observations) if config.observations else ("detections", config.detections)
     )
     if marks is None or pattern is None:
         raise ValueError("the rules want a table of images, or their times in their ids")
-    return markers.images_of(files[f"{key}.file"], scale, pattern, marks.declared(key))
+    return images_of(files.of_points(key), scale, pattern, marks.declared(key))
 
 
-def _ground(config: LandmarksConfig, files: Mapping[str, TableSource]) -> Ground:
+def _ground(config: LandmarksConfig, files: Files) -> Ground:
     """What is said about the heights of the landmarks."""
     words = ("landmarks.dem", "landmarks.heights", "landmarks.geoid")
-    return Ground(_path(files, "landmarks.dem"), config.heights, _path(files, "landmarks.geoid"), words)
+    return Ground(files.path("landmarks.dem"), config.heights, files.path("landmarks.geoid"), words)
 
 
 def _marks(
     config: CampaignConfig,
-    files: Mapping[str, TableSource],
+    files: Files,
     images: Images,
     landmarks: Landmarks,
     grid: markers.Grid,
@@ -248,12 +204,12 @@ def _marks(
 ) -> tuple[Sightings, Detections | None]:
     """Sightings of known landmarks, or none and the detections that have none yet."""
     if config.observations is not None:
-        declared, file = config.observations.declared("observations"), files["observations.file"]
+        declared, file = config.observations.declared("observations"), files.of_points("observations")
         seen = markers.read_observations(file, images.ids, landmarks.ids, grid, notices, declared)
         return seen, None
     if config.detections is None:
         return _no_sightings(), None
-    declared, file = config.detections.declared("detections"), files["detections.file"]
+    declared, file = config.detections.declared("detections"), files.tables["detections.file"]
     return _no_sightings(), markers.read_detections(file, images.ids, grid, notices, declared)
 
 

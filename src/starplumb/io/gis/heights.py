@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from ...physics.errors import InputError
 from ...physics.units import DEG
-from ..tables.read import TableSource
 from ..text.files import show, trouble
 
 if TYPE_CHECKING:
@@ -189,7 +188,7 @@ class Ground:
 
     def ellipsoidal(
         self,
-        source: TableSource,
+        source: object,
         height: Array | None,
         latitude: Array,
         longitude: Array,

@@ -20,6 +20,8 @@ from ..text.files import read_text, show
 
 Array = NDArray[np.float64]
 
+POINT_SUFFIXES = (".points", ".gcp")
+
 
 @dataclass(frozen=True)
 class GroundPoints:

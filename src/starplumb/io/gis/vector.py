@@ -13,7 +13,7 @@ from ...physics.errors import InputError
 from ..tables.cells import Array
 from ..tables.columns import GEODETIC, SIGMA_ENU
 from ..tables.read import Table
-from ..text.files import show
+from ..text.files import composed, show
 
 _WGS84 = re.compile(
     r'EPSG:(4326|4979)|OGC:CRS84h?|GEOG(CRS|CS)\["(GCS_)?WGS[ _](19)?84.*', re.DOTALL | re.IGNORECASE
@@ -91,7 +91,7 @@ def _table(path: Path, geometry: Any, attributes: dict[str, Any], flat: bool) ->
 
 
 def _text(path: Path, row: int, value: object) -> str:
-    text = "" if value is None else str(value).strip()
+    text = "" if value is None else composed(str(value).strip())
     if not text:
         raise InputError(f"{path}, feature {row}, attribute landmark_id: found nothing, wanted a name")
     return text

@@ -250,7 +250,7 @@ def _mark(config: ScenarioConfig, folder: Path, campaign: Campaign, rng: np.rand
     """The campaign with its markers sighted."""
     markers = config.markers
     if markers.layout == "file":
-        from ..campaign.markers import read_landmarks
+        from ..campaign.marks.landmarks import read_landmarks
 
         return scene.mark_site(campaign, read_landmarks(folder / str(markers.file), []).r_J, _UNSTATED)
     if markers.on == "site":

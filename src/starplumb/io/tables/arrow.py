@@ -122,9 +122,12 @@ def _line_of_row(path: Path, header_line: int) -> Callable[[int], int]:
 
 
 def _trimmed(column: Any) -> Any:
+    """Texts in one spelling (NFC) without blanks around them."""
     from pyarrow import compute
 
-    return compute.utf8_trim_whitespace(column)
+    trimmed = compute.utf8_trim_whitespace(column)
+    plain = compute.all(compute.string_is_ascii(trimmed)).as_py() in (True, None)
+    return trimmed if plain else compute.utf8_normalize(trimmed, form="NFC")
 
 
 def _first_empty(column: Any) -> int | None:
@@ -200,6 +203,7 @@ def columns_of_table(name: str, table: Any, schema: Schema) -> Columns:
     """
     header = [column for column in table.column_names if not _INDEX.fullmatch(column)]
     schema.check(name, header)
+    table = _without_empty_end(table, header)
     if table.num_rows == 0:
         raise InputError(f"{name}: found no rows, wanted at least one")
     row_number: Callable[[int], int] = int
@@ -219,6 +223,18 @@ def columns_of_table(name: str, table: Any, schema: Schema) -> Columns:
         row_number,
         all_rows - table.num_rows,
     )
+
+
+def _without_empty_end(table: Any, header: Sequence[str]) -> Any:
+    """The table without the rows of nulls and empty texts below the last one that holds something."""
+    last = table.num_rows
+    while last and all(_holds_nothing(table[name][last - 1].as_py()) for name in header):
+        last -= 1
+    return table.slice(0, last)
+
+
+def _holds_nothing(cell: object) -> bool:
+    return cell is None or (isinstance(cell, str) and not cell.strip()) or cell != cell  # NaN
 
 
 def _kept(name: str, table: Any, schema: Schema) -> tuple[Any, Callable[[int], int]]:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...physics.errors import InputError
-from ..text.files import show
+from ..text.files import composed, show
 from .schema import Schema
 
 Array = NDArray[np.float64]
@@ -44,8 +44,13 @@ def none_kept(name: str, schema: Schema) -> InputError:
 
 def cell_error(name: str, row_number: int, column: str, found: object, wanted: str) -> InputError:
     """The sentence about one cell: table, row, column, what was found (None: nothing) and what is wanted."""
+    return found_error(f"{name}, row {row_number}, column {column}", found, wanted)
+
+
+def found_error(where: str, found: object, wanted: str) -> InputError:
+    """The sentence about a cell that stands ``where``."""
     text = "an empty cell" if found is None else as_found(found)
-    return InputError(f"{name}, row {row_number}, column {column}: found {text}, wanted {wanted}")
+    return InputError(f"{where}: found {text}, wanted {wanted}")
 
 
 def as_found(found: object) -> str:
@@ -76,8 +81,10 @@ def _is_number(cell: str) -> bool:
 
 
 def to_texts(name: str, column: str, cells: Sequence[str], row_number: Callable[[int], int]) -> list[str]:
-    """Texts without blanks around them. Raises InputError about the first cell that holds none."""
+    """Texts in one spelling (NFC), without blanks around them. Raises InputError about the first empty cell."""
     texts = list(map(str.strip, cells))
+    if not "".join(texts).isascii():
+        texts = list(map(composed, texts))
     if not all(texts):
         raise cell_error(name, row_number(texts.index("")), column, None, "text in every row")
     return texts

@@ -34,7 +34,7 @@ def read_rows(path: Path, schema: Schema) -> Columns:
     texts: dict[str, list[str]] = {name: [] for name in (*schema.texts_in(header), *schema.stamps)}
     line_blocks, all_rows = [], 0
     with _collector_paused():
-        for whole in lines.blocks():
+        for whole in _without_empty_end(lines.blocks()):
             all_rows += len(whole.rows)
             block = _kept(whole, schema, place) if schema.keep else whole
             if not block.rows:
@@ -134,6 +134,19 @@ class CsvLines:
         except csv.Error as error:
             found = f"found text that is not CSV ({error}), wanted cells separated by commas, quotes closed"
             raise InputError(f"{self._path}, row {self.line}: {found}") from None
+
+
+def _without_empty_end(blocks: Iterable[_Block]) -> Iterator[_Block]:
+    """Blocks without the rows of empty cells that spreadsheets leave below the last one that holds something."""
+    waiting: list[_Block] = []
+    for block in blocks:
+        full = next((n for n in range(len(block.rows), 0, -1) if any(map(str.strip, block.rows[n - 1]))), 0)
+        if full:
+            yield from waiting
+            yield _Block(block.rows[:full], block.line[:full])
+            waiting = []
+        if full < len(block.rows):
+            waiting.append(_Block(block.rows[full:], block.line[full:]))
 
 
 def _kept(block: _Block, schema: Schema, place: Mapping[str, int]) -> _Block:

@@ -91,12 +91,15 @@ def _whole(numbers: Sequence[Decimal], unit_ns: int) -> NDArray[np.int64]:
 @dataclass(frozen=True)
 class Declared:
     """``key`` is the section that declares; ``columns`` takes our names to the table's; ``keep`` the values that a row
-    must have, one of several, to be used at all."""
+    must have, one of several, to be used at all; ``stated`` the one value of columns that the table lacks, by
+    the key ``stated_by``."""
 
     key: str = ""
     columns: Mapping[str, str] = field(default_factory=dict)
     keep: Mapping[str, tuple[Value, ...]] = field(default_factory=dict)
     time: Times | None = None
+    stated: Mapping[str, float] = field(default_factory=dict)
+    stated_by: str = ""
 
     def name(self, column: str) -> str:
         """The table's own name of a column of ours."""
@@ -120,9 +123,12 @@ class Declared:
         return replace(
             asked,
             texts=self._names(*texts, *given),
-            numbers=self._names(*asked.numbers, *numbers),
+            numbers=self._names(*(name for name in asked.numbers if name not in self.stated), *numbers),
             optional_texts=self._names(*(name for name in asked.optional_texts if name not in given)),
-            optional_numbers=self._names(*(name for name in asked.optional_numbers if name not in numbers)),
+            optional_numbers=self._names(
+                *(name for name in asked.optional_numbers if name not in numbers),
+                *(name for name in asked.numbers if name in self.stated),
+            ),
             stamps=stamps,
             keep=self.keep,
         )

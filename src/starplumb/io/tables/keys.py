@@ -95,11 +95,12 @@ class TableKeys(Section):
     @classmethod
     def rules(cls, given: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         file = given.get("file", ".csv")
-        if (
-            not cls.by_content
-            and not isinstance(file, InMemory)
-            and isinstance(file, str)
-            and not file.lower().endswith(TABLE_SUFFIXES)
+        names = [file] if isinstance(file, str) else file if isinstance(file, list | tuple) else []
+        if not cls.by_content and any(
+            isinstance(name, str)
+            and not isinstance(name, InMemory)
+            and not name.lower().endswith(TABLE_SUFFIXES)
+            for name in names
         ):
             for key in ("columns", "keep", "time", "units"):
                 if key in given:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ...physics.errors import EpochError, InputError
 from .arrow import TextColumn, binary_format, columns_of_table, read_binary, read_large_csv, table_of
-from .cells import Array, Columns, as_found, cell_error
+from .cells import Array, Columns, as_found, found_error
 from .csv_rows import read_rows
 from .declared import UNDECLARED, Declared, Times
 from .schema import Schema
@@ -68,25 +68,33 @@ def other_format(source: TableSource) -> Path | None:
 class Table:
     """Columns of a table, n rows: ``numbers`` as (n,) arrays, ``texts`` without blanks around them.
 
-    ``row_number`` takes a row (from 0) to the number by which the user finds it: the line in a text file, else the
-    row itself; ``notices`` are sentences for the user.
+    ``str`` of ``source`` is what messages call it; ``row_number`` takes a row (from 0) to the number by which the user
+    finds it: the line in a text file, else the row itself; ``places`` are such words for each row where a number does
+    not do; ``notices`` are sentences for the user.
     """
 
-    source: TableSource
+    source: object
     numbers: dict[str, Array]
     texts: dict[str, Sequence[str]]
     rows: int
     row_number: Callable[[int], int]
     notices: list[str]
     declared: Declared = UNDECLARED
+    places: Sequence[str] = ()
 
     def __len__(self) -> int:
         return self.rows
 
+    def where(self, row: int, *columns: str) -> str:
+        """A row, and columns by the table's own names, as messages name them."""
+        place = self.places[row] if self.places else f"{self.source}, row {self.row_number(row)}"
+        s = "s" * (len(columns) > 1)
+        named = f", column{s} {', '.join(map(self.declared.name, columns))}" if columns else ""
+        return place + named
+
     def error(self, row: int, column: str, found: object, wanted: str) -> InputError:
         """The sentence about one cell: table, row, column, what was found and what is wanted."""
-        name = self.declared.name(column)
-        return cell_error(str(self.source), self.row_number(row), name, found, wanted)
+        return found_error(self.where(row, column), found, wanted)
 
     def columns(self, *names: str) -> Array:
         """Number columns side by side, (n, k)."""
@@ -116,8 +124,20 @@ class Table:
         for row, text in enumerate(texts):
             if (earlier := first.setdefault(text, row)) != row:
                 found = f"{as_found(text)} again (first in row {self.row_number(earlier)})"
-                where = f"{self.source}, row {self.row_number(row)}, column {self.declared.name(column)}"
-                raise InputError(f"{where}: found {found}, wanted {wanted}")
+                raise InputError(f"{self.where(row, column)}: found {found}, wanted {wanted}")
+
+    def with_stated(self) -> Table:
+        """The table with the columns that it lacks and whose one value is stated beside it.
+
+        Raises InputError where such a column is there all the same.
+        """
+        names = self.declared.stated
+        key = self.declared.stated_by
+        if twice := [name for name in (key, *names) if names and name in self.numbers]:
+            found = f"found the column {self.declared.name(twice[0])} beside {self.declared.key}.{key}"
+            raise InputError(f"{self.source}: {found}, wanted only one of the two")
+        whole = {name: np.full(self.rows, value) for name, value in names.items()}
+        return replace(self, numbers=self.numbers | whole) if whole else self
 
 
 def read_table(
@@ -156,7 +176,7 @@ def read_table(
     }
     if schema.stamps:
         words |= {stamp(i): found.texts[name] for i, name in enumerate(schema.stamps)}
-    return Table(source, by_ours, words, found.rows, found.row_number, notices, declared)
+    return Table(source, by_ours, words, found.rows, found.row_number, notices, declared).with_stated()
 
 
 def stamp(i: int) -> str:
@@ -173,8 +193,7 @@ def epochs(table: Table, scale: str) -> Epochs:
     try:
         return times.epochs([table.texts[stamp(i)] for i in range(len(times.columns))], scale)
     except EpochError as error:
-        where = f"{table.source}, row {table.row_number(error.row)}, column {table.declared.name('time')}"
-        raise InputError(f"{where}: {error}") from None
+        raise InputError(f"{table.where(error.row, 'time')}: {error}") from None
 
 
 def _columns(source: TableSource, schema: Schema) -> Columns:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import codecs
 import hashlib
+import unicodedata
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from difflib import get_close_matches
@@ -36,6 +37,11 @@ def show(value: object) -> str:
     else:
         text = " ".join(str(value).split())
     return text if len(text) <= _SHOWN else text[: _SHOWN - 3] + "..."
+
+
+def composed(text: str) -> str:
+    """``text`` with accents joined to their letters (NFC): the same name reads the same from any system."""
+    return text if text.isascii() else unicodedata.normalize("NFC", text)
 
 
 def nearest(word: str, known: Iterable[str]) -> str | None:

@@ -11,7 +11,8 @@ from ...physics.errors import EpochError, InputError
 from ...physics.timescales import format_iso
 from ...table.campaign import Campaign, Landmarks, Sightings
 from ...table.geometry import locate
-from ..campaign.markers import Grid, read_landmarks, read_observations
+from ..campaign.marks.landmarks import read_landmarks
+from ..campaign.marks.markers import Grid, read_observations
 from ..campaign.write import write_campaign
 from ..text.files import show
 from ..text.tree import read_xml

@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ...physics.errors import InputError
-from ...physics.units import DEG
-from ..gis.heights import Ground
-from ..gis.points import GroundPoints, read_ground_points
-from ..tables.columns import GEODETIC, SIGMA_ENU
-from ..text.files import show
-from ..text.write import csv_text
+from ....physics.errors import InputError
+from ....physics.units import DEG
+from ...gis.heights import Ground
+from ...gis.points import GroundPoints, read_ground_points
+from ...tables.columns import GEODETIC, SIGMA_ENU
+from ...text.files import composed, show
+from ...text.write import csv_text
 
 Array = NDArray[np.float64]
 
@@ -65,7 +65,7 @@ def tables(
     Points at the same place are one landmark, named as first met.  Raises InputError for one name at two places, and
     for a landmark that is twice in one image.
     """
-    merged = _Merged()
+    merged = Merged()
     notices: list[str] = []
     for path in paths:
         points = read_ground_points(path, crs)
@@ -86,28 +86,30 @@ def tables(
     ), notices
 
 
-class _Merged:
+class Merged:
     """Landmarks by their place and sightings, as files are added."""
 
     def __init__(self) -> None:
         self.places: dict[tuple[float, float, float], tuple[object, ...]] = {}
         self.sightings: list[tuple[object, ...]] = []
+        self.found_in: list[Path] = []
         self._named: dict[str, tuple[float, float, float]] = {}
         self._seen: set[tuple[str, str]] = set()
 
     def add(self, path: Path, points: GroundPoints, height: Array, enu: Array, px: Array) -> None:
         latitude, longitude = points.latitude / DEG, points.longitude / DEG
-        for i, name in enumerate(points.landmark_id):
+        for i, name in enumerate(map(composed, points.landmark_id)):
             place = (float(latitude[i]), float(longitude[i]), float(height[i]))
             if self._named.setdefault(name, place) != place:
                 raise InputError(
                     f"{path}: found the point {show(name)} at another place again, wanted each name once"
                 )
             known = self.places.setdefault(place, (name, *place, *enu[i].tolist()))
-            pair = (points.image_id[i], str(known[0]))
+            pair = (composed(points.image_id[i]), str(known[0]))
             if pair in self._seen:
                 raise InputError(
                     f"{path}: found {show(pair[1])} twice in image {show(pair[0])}, wanted it once"
                 )
             self._seen.add(pair)
+            self.found_in.append(path)
             self.sightings.append((*pair, float(points.column_px[i]), float(points.row_px[i]), float(px[i])))

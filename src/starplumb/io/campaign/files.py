@@ -1,0 +1,95 @@
+"""Where the files of a campaign are, and their digests."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from ..tables.read import Frame, TableSource
+from ..text.files import fingerprint, trouble
+from ..text.toml import refuse
+from .config import CampaignConfig
+from .marks.point_files import PointFiles
+from .settings import Settings
+
+
+@dataclass(frozen=True)
+class Files:
+    """Tables and files by the key that names them, ``names`` as the campaign writes them; files of ground points are in
+    ``points``, by their section."""
+
+    names: dict[str, str]
+    tables: dict[str, TableSource]
+    points: dict[str, PointFiles]
+
+    @classmethod
+    def of(cls, config: CampaignConfig, given: Settings) -> Files:
+        """Every table given, and where each named file is.  Raises InputError that lists all that cannot be opened."""
+        points = _point_files(config, given)
+        names = {key: name for key, name in _named(config).items() if key.removesuffix(".file") not in points}
+        tables = {key: given.tables.get(key, given.folder / name) for key, name in names.items()}
+        places = {key: place for key, place in tables.items() if isinstance(place, Path)}
+        places |= {f"{key}.file": path for key, each in points.items() for path in each.paths}
+        faults = [(key, place, trouble(place)) for key, place in places.items()]
+        if problems := [f"{key}: {place}: {fault}" for key, place, fault in faults if fault]:
+            raise refuse(given.name, problems)
+        return cls(names, tables, points)
+
+    def path(self, key: str) -> Path | None:
+        """The file of a key that no data frame can stand for, where there is one."""
+        place = self.tables.get(key)
+        return place if isinstance(place, Path) else None
+
+    def of_points(self, section: str) -> TableSource | PointFiles:
+        """What a section names that may name files of ground points."""
+        return self.points[section] if section in self.points else self.tables[f"{section}.file"]
+
+    def fingerprints(self) -> dict[str, str]:
+        """The digest of every table and file by its name."""
+        found: dict[str, str] = {}
+        for key, name in self.names.items():
+            found |= _fingerprints(name, self.tables[key])
+        for each in self.points.values():
+            found |= {name: fingerprint(path) for name, path in zip(each.names, each.paths, strict=True)}
+        return found
+
+
+def _named(config: CampaignConfig) -> dict[str, str]:
+    """Key and name of every file of the campaign."""
+    named = {"ephemeris.file": config.ephemeris.file, "landmarks.file": _listed(config.landmarks.file)}
+    optional = {
+        "images.file": config.images.file,
+        "camera.look_angles": config.camera.look_angles,
+        "landmarks.dem": config.landmarks.dem,
+        "landmarks.geoid": config.landmarks.geoid,
+        "observations.file": config.observations and _listed(config.observations.file),
+        "detections.file": config.detections and _listed(config.detections.file),
+        "earth.orientation_file": config.earth and config.earth.orientation_file,
+    }
+    attitudes = {f"{key}.file": section.file for key, section in config.attitudes.items()}
+    return named | attitudes | {key: name for key, name in optional.items() if name}
+
+
+def _listed(file: str | Sequence[str]) -> str:
+    return file if isinstance(file, str) else ", ".join(file)
+
+
+def _point_files(config: CampaignConfig, given: Settings) -> dict[str, PointFiles]:
+    """The sections that name files of ground points, and these."""
+    sections = {"landmarks": config.landmarks, "observations": config.observations}
+    found = {}
+    for key, section in sections.items():
+        if section is not None and not isinstance(place := given.tables.get(f"{key}.file"), Frame):
+            folder = given.folder if place is None else Path()
+            found[key] = PointFiles.of(folder, section.file, section.crs)
+    return {key: files for key, files in found.items() if files is not None}
+
+
+def _fingerprints(name: str, place: TableSource) -> dict[str, str]:
+    """Digest of a table or file, and of those that belong to it: a shapefile keeps its attributes in a second one."""
+    if isinstance(place, Frame):
+        return {name: place.fingerprint()}
+    parts = {Path(name).with_suffix(end).as_posix(): place.with_suffix(end) for end in (".dbf", ".prj")}
+    beside = {key: part for key, part in parts.items() if place.suffix.lower() == ".shp" and part.is_file()}
+    return {key: fingerprint(part) for key, part in ({name: place} | beside).items()}

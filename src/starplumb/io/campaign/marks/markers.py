@@ -1,0 +1,156 @@
+"""Tables of observations and detections, as the parts of a campaign they become."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ....physics.errors import InputError
+from ....table.campaign import Detections, Sightings
+from ...tables.cells import Array
+from ...tables.declared import UNDECLARED, Declared
+from ...tables.lookup import places
+from ...tables.read import Table, TableSource, read_table
+from ...text.files import nearest, show
+from .point_files import PointFiles
+
+Index = NDArray[np.int64]
+
+MOST_ROWS = 10_000_000
+"""A line scanner's rows are epochs, which orbit and attitude bound; beyond so many of them is a slip of the pen."""
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Pixels of an image as its user counts them: ``shift_px`` from ours (0.5 where (0, 0) is a corner), and
+    how many."""
+
+    columns: float
+    rows: float
+    shift_px: float
+
+
+def read_observations(
+    source: TableSource | PointFiles,
+    images: Sequence[str],
+    landmarks: Sequence[str],
+    grid: Grid,
+    notices: list[str],
+    declared: Declared = UNDECLARED,
+) -> Sightings:
+    """Sightings of known landmarks; every row is taken or refused, images and landmarks without one
+    are reported."""
+    if isinstance(source, PointFiles):
+        table = source.observations(declared, grid.shift_px)
+    else:
+        table = read_table(
+            source,
+            texts=("image_id", "landmark_id"),
+            numbers=("column_px", "row_px", "sigma_px"),
+            optional_texts=("role",),
+            declared=declared,
+        )
+    notices += table.notices
+    image = _lookup(table, "image_id", images, "images")
+    landmark = _lookup(table, "landmark_id", landmarks, "landmarks")
+    _require_new_pairs(table, image, landmark, len(landmarks))
+    column, row, sigma = _pixels(table, grid)
+    check = _roles(table)
+    notices += _unseen(source, "image", images, image) + _unseen(source, "landmark", landmarks, landmark)
+    return Sightings(image, landmark, column, row, sigma, check)
+
+
+def read_detections(
+    source: TableSource,
+    images: Sequence[str],
+    grid: Grid,
+    notices: list[str],
+    declared: Declared = UNDECLARED,
+) -> Detections:
+    """Marker images whose landmark is not known."""
+    table = read_table(
+        source, texts=("image_id",), numbers=("column_px", "row_px", "sigma_px"), declared=declared
+    )
+    notices += table.notices
+    image = _lookup(table, "image_id", images, "images")
+    notices += _unseen(source, "image", images, image)
+    return Detections(image, *_pixels(table, grid))
+
+
+def _lookup(table: Table, column: str, known: Sequence[str], what: str) -> Index:
+    """Index of each id among the known ones. Raises InputError about the first that is not."""
+    ids = table.texts[column]
+    index = places(ids, known)
+    if (index < 0).any():
+        row = int(np.argmax(index < 0))
+        wanted = f"one of the {len(known)} {what} of the campaign{meant(ids[row], known)}"
+        raise table.error(row, column, ids[row], wanted)
+    return index
+
+
+def meant(name: str, known: Sequence[str]) -> str:
+    """What an unknown id may have been meant to be, in brackets; programs that take ids for numbers lose zeros."""
+    bare = name.lstrip("0")
+    if padded := [other for other in known if other.lstrip("0") == bare]:
+        return f" (perhaps {show(padded[0])}, with zeros before it: have the column read as text)"
+    near = nearest(name, known)
+    return f" (perhaps {show(near)})" if near else ""
+
+
+def _require_new_pairs(table: Table, image: Index, landmark: Index, n_landmarks: int) -> None:
+    pair = image * n_landmarks + landmark
+    if np.all(np.diff(np.sort(pair))):
+        return
+    _, first, back = np.unique(pair, return_index=True, return_inverse=True)
+    earlier = first[back]
+    row = int(np.argmax(earlier != np.arange(pair.size)))
+    ids = f"{show(table.texts['landmark_id'][row])} in image {show(table.texts['image_id'][row])}"
+    first_row = table.row_number(int(earlier[row]))
+    found = f"found {ids} again (first in row {first_row})"
+    raise InputError(f"{table.where(row, 'landmark_id')}: {found}, wanted each pair once")
+
+
+def _pixels(table: Table, grid: Grid) -> tuple[Array, Array, Array]:
+    """Column, row and sigma; a pixel must lie in the image as its user counts, then (0, 0) is moved to our
+    place."""
+    table.require(table.numbers["sigma_px"] > 0.0, "sigma_px", "a positive number of pixels")
+    for name, count in (("column_px", grid.columns), ("row_px", grid.rows)):
+        low, high = bounds_px(count, grid.shift_px)
+        x = table.numbers[name]
+        table.require((x >= low) & (x <= high), name, f"{low:.12g} to {high:.12g}, the image")
+    shift = grid.shift_px
+    return table.numbers["column_px"] - shift, table.numbers["row_px"] - shift, table.numbers["sigma_px"]
+
+
+def bounds_px(count: float, shift_px: float) -> tuple[float, float]:
+    """First and last coordinate, as its user counts, of an image of ``count`` columns or rows, finite or not."""
+    low = shift_px - 0.5
+    return (low, low + count) if np.isfinite(count) else (-MOST_ROWS, MOST_ROWS)
+
+
+def _roles(table: Table) -> NDArray[np.bool_]:
+    roles = table.texts.get("role")
+    if roles is None:
+        return np.zeros(len(table), dtype=np.bool_)
+    if unknown := set(roles) - {"control", "check"}:
+        row = next(row for row, role in enumerate(roles) if role in unknown)
+        raise table.error(row, "role", roles[row], '"control" or "check"')
+    check = np.fromiter(map("check".__eq__, roles), dtype=np.bool_, count=len(roles))
+    if check.all():
+        raise InputError(
+            f"{table.source}, column {table.declared.name('role')}: found only check points, "
+            "wanted some with the role control"
+        )
+    return check
+
+
+def _unseen(source: object, kind: str, ids: Sequence[str], seen: Index) -> list[str]:
+    """A notice about images or landmarks without a row."""
+    unseen = [ids[i] for i in np.flatnonzero(np.bincount(seen, minlength=len(ids)) == 0).tolist()]
+    if not unseen:
+        return []
+    named = ", ".join(unseen[:3]) + (f" and {len(unseen) - 3} more" if len(unseen) > 3 else "")
+    return [f"{source}: found no row of the {kind}{'s' * (len(unseen) > 1)} {named}, so it adds nothing"]
