@@ -21,8 +21,8 @@ from starplumb.judge.files.digits import _quaternions, _step_px
 from starplumb.judge.files.evidence import growth, listed, worst
 from starplumb.judge.files.findings import findings_of_files
 from starplumb.judge.files.image_errors import ImageErrors, OwnErrors
+from starplumb.judge.files.neighbours import between, left_out
 from starplumb.judge.files.places import places
-from starplumb.judge.files.sampling import between, left_out
 from starplumb.judge.files.sharing import _if_shared
 from starplumb.physics import so3
 from starplumb.physics.errors import InputError

@@ -96,7 +96,7 @@ class _Search:
             *misread_image_and_ground(c),
             *misread_frames_and_times(c, self.written),
             *unknowns(c),
-            *suspects(c, self.written, misfit_of_images(c)),
+            *suspects(c, misfit_of_images(c)),
         ]
         evident = {mistake.kind for mistake in self.mistakes if mistake.evidence}
         self.mistakes += shown_by_files(c, evident)

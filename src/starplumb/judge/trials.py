@@ -30,8 +30,7 @@ from ..table.campaign import Campaign
 from ..table.equation import linearise
 from ..table.observations import Observations
 from .consistency import ABSURD, DECISIVE, IMPLAUSIBLE_P, chi2_p
-from .conventions.mistake import Mistake
-from .conventions.suspects import image_text
+from .conventions.mistake import Mistake, image_text
 from .residuals import rms
 
 Array = NDArray[np.float64]

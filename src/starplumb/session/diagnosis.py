@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 from ..documents.numbers import numbers
 from ..io.campaign.fixed_frames import CAMERA
-from ..io.campaign.table_config import ImagesConfig
-from ..io.tables.read import read_table
-from ..io.text.values import InMemory
 from ..judge.conventions.mistake import Mistake, Written
 from ..judge.diagnose import Diagnosis as Findings
 from ..judge.diagnose import diagnose as run
@@ -93,26 +89,13 @@ def diagnose(campaign: Campaign) -> Diagnosis:
 
 def _written(campaign: Campaign) -> Written:
     """How the campaign's files say what they hold."""
-    config, source = campaign.loaded.config, Path(campaign.source)
+    config = campaign.loaded.config
     attitude = next(iter(config.attitudes.values()))
     return Written(
         time_scale=config.campaign.time_scale,
         attitude_to_tracker=attitude.target == attitude.tracker,
         mounting_from_camera=config.mounting.source == CAMERA,
-        image_time_decimals=_decimals(source.parent, config.images) if source.is_file() else None,
     )
-
-
-def _decimals(folder: Path, config: ImagesConfig) -> int | None:
-    """The largest number of decimals of a second in the times of a table of images; None where it counts otherwise."""
-    if config.file is None or isinstance(config.file, InMemory) or config.time_from_id is not None:
-        return None
-    if config.time is not None and config.time.times.format not in ("iso", "doy"):
-        return None
-    asked = {name: each for name, each in config.columns.items() if name == "time"}
-    declared = replace(config.declared("images"), columns=asked)
-    texts = read_table(folder / config.file, texts=("time",), declared=declared).texts["time"]
-    return max((len(text.removesuffix("+00:00").rstrip("Zz").partition(".")[2]) for text in texts), default=0)
 
 
 def _mistake(mistake: Mistake) -> dict[str, str]:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ...physics.timescales import format_iso
 from ...table.campaign import Campaign
 from ...table.parameters import Parameter
 
@@ -16,16 +17,11 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Written:
-    """How the campaign's files say what they hold; needed to undo a misreading in the file's own terms.
-
-    ``image_time_decimals`` is the largest number of decimals of a second that any time of an image has, None where
-    there is no file.
-    """
+    """How the campaign's files say what they hold; needed to undo a misreading in the file's own terms."""
 
     time_scale: str = "UTC"
     attitude_to_tracker: bool = True
     mounting_from_camera: bool = True
-    image_time_decimals: int | None = None
 
 
 def _as_it_stands(campaign: Campaign) -> Campaign:
@@ -55,3 +51,13 @@ class Mistake:
     def kind(self) -> str:
         """What the mistake is made in: two of one kind are not tried together."""
         return self.key.split(".")[0]
+
+
+def epoch_text(t_ns: int) -> str:
+    """An epoch for messages, UTC to the millisecond."""
+    return f"{format_iso(np.array([t_ns]), 'UTC', 3)[0]} UTC"
+
+
+def image_text(campaign: Campaign, image: int) -> str:
+    """An image for messages: its id and its time."""
+    return f"image {campaign.images.ids[image]!r} ({epoch_text(int(campaign.images.t_ns[image]))})"

@@ -1,12 +1,12 @@
-"""Single culprits, and what the files show by themselves: an image, an attitude sample, a landmark, a star tracker that
-contradicts the others; times with too few digits; attitude samples too far apart to follow the motion.
+"""Single culprits: an image, a landmark, a star tracker that contradicts the others; with those of
+:mod:`starplumb.judge.conventions.samples`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -14,15 +14,12 @@ from numpy.typing import NDArray
 
 from ...physics import so3
 from ...physics.errors import InputError
-from ...physics.series import Attitude, seconds
-from ...physics.timescales import format_iso
 from ...physics.trackers import FusedAttitude
 from ...physics.units import ARCSEC, DEG
 from ...table.campaign import Campaign
-from ...table.geometry import stations
-from ...table.parameters import TimeOffset
 from ..consistency import chi2_p
-from .mistake import Mistake, Written
+from .mistake import Mistake, image_text
+from .samples import coarse_samples, few_digits, wrong_samples
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -34,43 +31,25 @@ WRONG_PLACE_M = 1000.0
 MOST_IMAGES = 30
 """So many images are tried one by one, those with the largest residuals."""
 MOST_LANDMARKS = 30
-OUTSTANDING = 6.0
-"""A sample is suspected when it lies this many times farther from the prediction by its neighbours than is usual."""
-COARSE = 3.0
-"""Median distance of samples from the prediction, in units of their stated error, at which motion is not followed;
-independent noise of the stated size gives 1.4."""
 IMPOSSIBLE_P = 1e-6
 """Readings of star trackers less probable than this contradict each other."""
-NEAR = 6
-NODES = np.array([-2, -1, 1, 2])
-"""Neighbours from which a sample is predicted, as :class:`Attitude` interpolates on four."""
 
 
-def suspects(campaign: Campaign, written: Written, statistic: Array) -> list[Mistake]:
+def suspects(campaign: Campaign, statistic: Array) -> list[Mistake]:
     """The culprits worth trying; ``statistic`` (m,) orders the images by how badly they fit."""
     kinds: tuple[Callable[[], Iterator[Mistake]], ...] = (
         lambda: _images(campaign, statistic),
         lambda: _landmarks(campaign),
         lambda: _trackers(campaign),
-        lambda: _samples(campaign),
-        lambda: _sampling(campaign),
-        lambda: _image_time_digits(campaign, written),
+        lambda: wrong_samples(campaign),
+        lambda: coarse_samples(campaign),
+        lambda: few_digits(campaign),
     )
     found: list[Mistake] = []
     for kind in kinds:
         with suppress(InputError):  # an exposure that the orbit or the attitude does not cover
             found += kind()
     return found
-
-
-def epoch_text(t_ns: int) -> str:
-    """An epoch for messages, UTC to the millisecond."""
-    return f"{format_iso(np.array([t_ns]), 'UTC', 3)[0]} UTC"
-
-
-def image_text(campaign: Campaign, image: int) -> str:
-    """An image for messages: its id and its time."""
-    return f"image {campaign.images.ids[image]!r} ({epoch_text(int(campaign.images.t_ns[image]))})"
 
 
 def _images(campaign: Campaign, statistic: Array) -> Iterator[Mistake]:
@@ -169,164 +148,3 @@ def _reference(attitude: FusedAttitude) -> int:
     """The tracker whose frame is E, or the first one where no tracker has the frame E."""
     off = [float(np.abs(tracker.C_EA - np.eye(3)).max()) for tracker in attitude.trackers]
     return int(np.argmin(off))
-
-
-@dataclass(frozen=True)
-class _Predicted:
-    """Samples ``at`` (n,) of an attitude less what their neighbours predict, ``off_E`` (n, 3) rad about E's axes, and
-    the product of their distances to those, s^4, ``spread`` (n,)."""
-
-    at: Index
-    off_E: Array
-    spread: Array
-
-
-def _predicted(attitude: Attitude, rows: Index) -> _Predicted:
-    """Cubic prediction of samples ``rows`` from two neighbours on either side, where a burst has them."""
-    first, last = attitude.bursts.bounds
-    rows = rows[(rows - 2 >= first[rows]) & (rows + 2 <= last[rows])]
-    nodes = rows[:, None] + NODES
-    tau = seconds(attitude.t_ns[nodes] - attitude.t_ns[rows][:, None])
-    weights = np.stack(
-        [np.prod(np.delete(-tau, j, 1) / (tau[:, [j]] - np.delete(tau, j, 1)), axis=1) for j in range(4)],
-        axis=-1,
-    )
-    C = so3.from_quaternion(attitude.q_EF)
-    turn = so3.log(C[nodes] @ C[rows][:, None].mT)
-    return _Predicted(rows, -np.einsum("nj,nji->ni", weights, turn), np.abs(np.prod(tau, axis=1)))
-
-
-def _near(attitude: Attitude, epochs: Index) -> Index:
-    """Samples within NEAR of any of the epochs: those that interpolation uses, and what judges these."""
-    left = np.searchsorted(attitude.t_ns, epochs, side="right") - 1
-    rows = np.unique(left[:, None] + np.arange(-NEAR, NEAR + 2))
-    return np.asarray(rows[(rows >= 0) & (rows < attitude.t_ns.size)], dtype=np.int64)
-
-
-def _exposures(campaign: Campaign) -> Index:
-    s = campaign.sightings
-    return np.unique(campaign.images.exposed(s.image, s.row_px))
-
-
-def _attitude_sigma(campaign: Campaign) -> float:
-    """The smallest stated standard deviation of the attitude about any axis, rad."""
-    return float(np.sqrt(np.min(np.linalg.eigvalsh(campaign.cov_attitude_E))))
-
-
-def _samples(campaign: Campaign) -> Iterator[Mistake]:
-    """An attitude sample that its neighbours contradict, and that an image rests on."""
-    epochs, sigma = _exposures(campaign), _attitude_sigma(campaign)
-    for series, attitude in enumerate(campaign.attitudes):
-        found = _predicted(attitude, _near(attitude, epochs))
-        off = np.linalg.norm(found.off_E, axis=-1)
-        if off.size < 5:
-            continue
-        usual = max(float(np.median(off)), sigma)
-        for place in np.argsort(-off, kind="stable")[:4].tolist():
-            row = int(found.at[place])
-            beside = off[np.abs(found.at - row) <= 2]
-            if off[place] < OUTSTANDING * usual or off[place] < np.max(beside):
-                continue
-            when = epoch_text(int(attitude.t_ns[row]))
-            which = "" if len(campaign.attitudes) == 1 else f" of {attitude.name}"
-            images = campaign.images
-            image = images.ids[int(np.argmin(np.abs(images.t_ns - attitude.t_ns[row])))]
-            yield Mistake(
-                f"sample.{when.split()[0]}",
-                f"the attitude sample{which} at {when}, beside image {image!r}, is wrong: it is off by about "
-                f"{off[place] / ARCSEC:.0f} arcsec",
-                "leave the sample out of the attitude, or correct it",
-                _without_sample(series, row),
-                evidence=f"the attitude sample{which} at {when} lies {off[place] / ARCSEC:.0f} arcsec from where its "
-                f"neighbours predict it (usually {usual / ARCSEC:.2g} arcsec)",
-            )
-
-
-def _without_sample(series: int, row: int) -> Callable[[Campaign], Campaign]:
-    """The change that takes a sample out of one of the attitude series."""
-
-    def undo(c: Campaign) -> Campaign:
-        seen = iter(range(len(c.attitudes)))
-
-        def cut(a: Attitude) -> Attitude:
-            if next(seen) != series:
-                return a
-            starts = tuple(s - (s > row) for s in a.starts)
-            gap_s = a.bursts.limit_s  # without the sample its neighbours are twice as far apart
-            apart = float(a.t_ns[row + 1] - a.t_ns[row - 1]) * 1e-9
-            kept = np.arange(a.t_ns.size) != row
-            return replace(a, t_ns=a.t_ns[kept], q_EF=a.q_EF[kept], gap_s=max(gap_s, apart), starts=starts)
-
-        return c.with_attitude(cut)
-
-    return undo
-
-
-def _sampling(campaign: Campaign) -> Iterator[Mistake]:
-    """Attitude samples too far apart to follow the motion between them.
-
-    A cubic on the nodes t_j is off by ``f'''' prod(t - t_j) / 24``: what a sample shows against its neighbours,
-    scaled by the ratio of the products, is what an exposure between samples suffers.
-    """
-    epochs, sigma = _exposures(campaign), _attitude_sigma(campaign)
-    for attitude in campaign.attitudes:
-        found = _predicted(attitude, _near(attitude, epochs))
-        off = np.linalg.norm(found.off_E, axis=-1)
-        noise = float(np.sqrt(np.max(np.trace(campaign.cov_attitude_E, axis1=-2, axis2=-1))))
-        if off.size < 5 or np.median(off) < COARSE * noise:
-            continue  # one wrong sample is no lack of samples, and the noise of samples is no motion
-        hidden = _interpolation_error(attitude, epochs, found, off)
-        if np.max(hidden, initial=0.0) < sigma:
-            continue
-        step = float(np.median(np.diff(attitude.t_ns[_near(attitude, epochs)]))) * 1e-9
-        worst = float(np.max(hidden))
-
-        def undo(c: Campaign, worst: float = worst) -> Campaign:
-            return replace(c, cov_attitude_E=c.cov_attitude_E + (worst / 2.0) ** 2 * np.eye(3))
-
-        yield Mistake(
-            "sampling.attitude",
-            f"the attitude is sampled too coarsely for the motion: every {step:.3g} s, which leaves up to "
-            f"{worst / ARCSEC:.2g} arcsec between the samples",
-            "use an attitude with more samples, or state attitude.sigma_arcsec = "
-            f"{np.hypot(worst, sigma) / ARCSEC:.2g}",
-            undo,
-            evidence=f"a sample of the attitude lies {np.median(off) / ARCSEC:.2g} arcsec (median) from where its "
-            f"neighbours predict it, so interpolation is off by up to {worst / ARCSEC:.2g} arcsec (stated sigma "
-            f"{sigma / ARCSEC:.2g})",
-        )
-
-
-def _interpolation_error(attitude: Attitude, epochs: Index, found: _Predicted, off: Array) -> Array:
-    """What interpolation between samples is likely off at epochs, rad; 0 where no prediction is near."""
-    left = np.clip(np.searchsorted(attitude.t_ns, epochs, side="right") - 1, 1, attitude.t_ns.size - 3)
-    tau = seconds(attitude.t_ns[left[:, None] + np.arange(-1, 3)] - epochs[:, None])
-    product_at = np.abs(np.prod(tau, axis=1))
-    place = np.argmin(np.abs(found.at[None, :] - left[:, None]), axis=1)
-    near = np.abs(found.at[place] - left) <= 2
-    return np.where(near, off[place] * product_at / found.spread[place], 0.0)
-
-
-def _image_time_digits(campaign: Campaign, written: Written) -> Iterator[Mistake]:
-    """Image times with so few decimals that the camera moves by more than its stated errors meanwhile."""
-    if written.image_time_decimals is None or not campaign.sightings.image.size:
-        return
-    step = 10.0**-written.image_time_decimals
-    image = np.unique(campaign.sightings.image)
-    station = stations(campaign, image, np.zeros(image.size))
-    speed = float(np.median(np.linalg.norm(station.v_J, axis=-1)))
-    place = campaign.landmarks.r_J[campaign.sightings.landmark[:1]]
-    distance = float(np.linalg.norm(place - station.r_J[:1], axis=-1)[0])
-    stated = np.hypot(_attitude_sigma(campaign), float(np.min(campaign.sigma_position)) / distance)
-    turn = step * speed / distance
-    if not stated < 0.5 * turn:
-        return
-    yield Mistake(
-        "digits.images",
-        f"the images' times are written to {step:g} s only, in which the camera moves {step * speed:.0f} m "
-        f"({turn / ARCSEC:.0f} arcsec)",
-        f"write the times with all their digits, or calibrate with --estimate time_offset={1e3 * step:g}ms",
-        free=(TimeOffset(("time_offset",), (step,)),),
-        evidence=f"no time of an image has more than {written.image_time_decimals} decimals: {step:g} s are "
-        f"{turn / ARCSEC:.0f} arcsec, and {stated / ARCSEC:.2g} arcsec are stated",
-    )

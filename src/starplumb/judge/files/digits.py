@@ -97,15 +97,15 @@ def _clocks(campaign: Campaign, o: Observations) -> Iterator[tuple[str, str, flo
     omega, v = first_of_image(o, o.omega_E), first_of_image(o, o.v_J)
     still = np.zeros_like(v)
     images, orbit = campaign.images, campaign.ephemeris
-    yield images.name, "image times", _step(images.t_ns), np.concatenate([omega, v], axis=-1)
+    yield images.name, "image times", written_step(images.t_ns), np.concatenate([omega, v], axis=-1)
     inertial = omega - OMEGA_EARTH * first_of_image(o, o.C_EJ[..., 2])
     for series in campaign.attitudes:
         turn = inertial if series.frame == "GCRF" else omega
-        yield series.name, "attitude times", _step(series.t_ns), np.concatenate([turn, still], axis=-1)
-    yield orbit.name, "orbit times", _step(orbit.t_ns), np.concatenate([still, v], axis=-1)
+        yield series.name, "attitude times", written_step(series.t_ns), np.concatenate([turn, still], axis=-1)
+    yield orbit.name, "orbit times", written_step(orbit.t_ns), np.concatenate([still, v], axis=-1)
 
 
-def _step(t_ns: Epochs) -> float:
+def written_step(t_ns: Epochs) -> float:
     """Step of epochs, s; 0 where they are exact by design.  One epoch alone may be round by chance or by design."""
     step = time_step(t_ns)
     return 0.0 if t_ns.size < 2 or is_grid(t_ns, step) else step

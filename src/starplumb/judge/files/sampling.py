@@ -1,14 +1,7 @@
 """Attitude samples held against their neighbours: sampled too coarsely, scattered, or one of them wrong.
 
-A sample at t_k is predicted from the four next to it as if it were not there.  A cubic through nodes t_j misses a
-smooth motion at t by ``f''''(t) / 24 prod_j (t - t_j)``, so that what a prediction misses at a sample tells what the
-interpolation misses at an image::
-
-    missed at the image = missed at the sample * prod_j (t - t_j) / prod_j (t_k - t_j)
-
-which is 0.14 halfway between samples of one step (for a sine of angle u between samples exactly
-``(1 - 9/8 cos u/2 + 1/8 cos 3u/2) / (1 - 4/3 cos u + 1/3 cos 2u)``).  The mean over the samples before and after the
-image keeps a smooth motion, and of white noise of the samples only 6 % of its size; their difference keeps the noise.
+What the prediction of a sample misses tells what the interpolation misses at an image
+(:mod:`starplumb.judge.files.neighbours`).
 """
 
 from __future__ import annotations
@@ -19,8 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ...physics import so3
-from ...physics.series import COINCIDENCE_NS, Attitude, lagrange, seconds
+from ...physics.series import Attitude, seconds
 from ...physics.timescales import format_iso
 from ...physics.trackers import FusedAttitude
 from ...physics.units import ARCSEC
@@ -28,12 +20,12 @@ from ...table.campaign import Campaign
 from ..consistency import IMPLAUSIBLE_P, chi2_p
 from .evidence import NOTICEABLE, Evidence, growth, listed, worst
 from .image_errors import ImageErrors
+from .neighbours import NODES, Between, Missed, between, is_motion, left_out, missed_between, without
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 Epochs = NDArray[np.int64]
 
-NODES = 4
 SUSPECT, LEFT_OVER = 3.0, 0.2
 """A sample is wrong when its neighbours put it more than 3 sigmas away, and agree without it to a fifth of that..."""
 BAD_SAMPLE, NOISE = 6.0, 3.5
@@ -44,64 +36,6 @@ MOST_BAD = 5
 """Wrong samples looked for, one after another."""
 CORRELATED = 2.7
 """Predictions of neighbouring samples share noise: so many of them are worth one (1 + 2 (0.8^2 + 0.4^2 + 0.1^2))."""
-
-
-@dataclass(frozen=True)
-class Missed:
-    """Samples k (p,) predicted from their neighbours: ``angle`` (p, 3) rad by which the prediction misses them, about
-    the tracker's axes; ``noise`` (p,) its sd for white noise of 1; ``product`` (p,) of the distances to the nodes,
-    s^4."""
-
-    angle: Array
-    noise: Array
-    product: Array
-
-
-def left_out(attitude: Attitude, k: Index) -> Missed:
-    """Samples k (p,), of bursts of five or more, predicted from the four others nearest in their burst."""
-    first, last = (bound[k] for bound in attitude.bursts.bounds)
-    start = np.clip(k - NODES // 2, first, last - NODES)
-    window = start[:, None] + np.arange(NODES + 1)
-    nodes = window[window != k[:, None]].reshape(k.size, NODES)
-    t_ns = attitude.t_ns
-    tau, x = seconds(t_ns[nodes] - t_ns[k, None]), np.zeros(k.size)
-    L, _, _ = lagrange(x, tau)
-    anchor = so3.from_quaternion(attitude.q_EF[k])
-    w = so3.log(so3.from_quaternion(attitude.q_EF[nodes]) @ anchor[:, None].mT)
-    missed = -np.einsum("pk,pki->pi", L, w)
-    return Missed(missed, np.sqrt(1.0 + np.sum(L**2, axis=-1)), np.prod(tau, axis=-1))
-
-
-@dataclass(frozen=True)
-class Between:
-    """Epochs (q,) between samples ``left`` and ``left + 1`` of bursts of five or more, with the nodes (q, 4) they are
-    interpolated from and their weights, and the product of the distances to the nodes, s^4."""
-
-    query: Index
-    left: Index
-    nodes: Index
-    weights: Array
-    product: Array
-
-
-def between(attitude: Attitude, t_ns: Epochs) -> Between:
-    """Where epochs (m,) lie among the samples; those on a sample, and those that cannot be checked, are left out."""
-    right = np.searchsorted(attitude.t_ns, t_ns)
-    near = np.stack([np.clip(right - 1, 0, None), np.clip(right, None, attitude.t_ns.size - 1)])
-    apart = np.min(np.abs(attitude.t_ns[near] - t_ns), axis=0) > COINCIDENCE_NS
-    covered = np.flatnonzero(attitude.bursts.covers(t_ns) & apart)
-    first, last = attitude.bursts.bounds
-    for query, nodes in attitude.bursts.windows(t_ns[covered], NODES, attitude.name):
-        if nodes.shape[1] == NODES:
-            long = last[nodes[:, 0]] - first[nodes[:, 0]] >= NODES
-            query, nodes = covered[query[long]], nodes[long]
-            x = seconds(t_ns[query] - attitude.t_ns[nodes[:, 0]])
-            tau = seconds(attitude.t_ns[nodes] - attitude.t_ns[nodes[:, :1]])
-            left = np.searchsorted(attitude.t_ns, t_ns[query], side="right") - 1
-            left = np.clip(left, nodes[:, 0], nodes[:, -1] - 1)
-            return Between(query, left, nodes, lagrange(x, tau)[0], np.prod(x[:, None] - tau, axis=-1))
-    none = np.zeros(0, dtype=np.int64)
-    return Between(none, none, np.zeros((0, NODES), dtype=np.int64), np.zeros((0, NODES)), np.zeros(0))
 
 
 @dataclass(frozen=True)
@@ -126,7 +60,7 @@ def sampling(campaign: Campaign, errors: ImageErrors, covariance_E: Array) -> It
         place = between(cleaned.attitude, cleaned.t_ns)
         if place.query.size == 0:
             continue
-        check = _coarse if _is_motion(cleaned.attitude, place) else _scattered
+        check = _coarse if is_motion(cleaned.attitude, place) else _scattered
         yield from check(cleaned, place, errors, covariance_E)
 
 
@@ -153,20 +87,9 @@ def _shared(errors: ImageErrors, image: Index, angle_E: Array) -> Array:
     return out / np.maximum(np.bincount(image, minlength=len(out)), 1)[:, None, None]
 
 
-def _is_motion(attitude: Attitude, place: Between) -> bool:
-    """Whether neighbouring samples are missed alike, as by a smooth motion, and not by turns, as with white noise.
-
-    The mean of two neighbours has cot^2(u/2) times the power of half their difference for a sine of angle u a sample,
-    and 0.11 times for white noise.
-    """
-    d = left_out(attitude, place.nodes.reshape(-1)).angle.reshape(*place.nodes.shape, 3)
-    return bool(np.sum((d[:, 1:] + d[:, :-1]) ** 2) > 0.5 * np.sum((d[:, 1:] - d[:, :-1]) ** 2))
-
-
 def _coarse(w: Watched, place: Between, errors: ImageErrors, covariance_E: Array) -> Iterator[Evidence]:
     attitude = w.attitude
-    before, after = (left_out(attitude, place.left + side) for side in (0, 1))
-    missed = 0.5 * sum(m.angle / m.product[:, None] * place.product[:, None] for m in (before, after))
+    missed = missed_between(attitude, place)
     at, missed_E = w.image[place.query], missed @ w.C_EA.mT
     mean = np.zeros((len(errors.stated), 6))
     np.add.at(mean[:, :3], at, missed_E)
@@ -241,7 +164,7 @@ def _without_bad(w: Watched, errors: ImageErrors, covariance_E: Array) -> tuple[
                 rows=(time, *names),
             )
         )
-        w = replace(w, attitude=_without(attitude, k))
+        w = replace(w, attitude=without(attitude, k))
     return w, found
 
 
@@ -258,7 +181,7 @@ def _bad_sample(attitude: Attitude, place: Between, sigma: Array) -> tuple[int, 
     if far[at] < SUSPECT or last - first < NODES + 2:
         return None
     around = np.setdiff1d(np.arange(max(first, k - NODES), min(last, k + NODES) + 1), k)
-    others = left_out(_without(attitude, k), around - (around > k))
+    others = left_out(without(attitude, k), around - (around > k))
     left = float(np.max(_in_sigmas(others, sigma_k)))
     agree = left <= LEFT_OVER * far[at] or (far[at] > BAD_SAMPLE and left <= NOISE)
     return (k, missed.angle[at]) if agree else None
@@ -275,16 +198,3 @@ def _around(attitude: Attitude, place: Between) -> tuple[Index, Index]:
     near = np.clip(place.left[:, None] + np.arange(-NODES, NODES + 2), first, last)
     samples, at = np.unique(near, return_index=True)
     return samples, at // near.shape[1]
-
-
-def _without(attitude: Attitude, k: int) -> Attitude:
-    """The series without sample k; where it stood no gap opens."""
-    starts = tuple(start - (start > k) for start in attitude.starts)
-    gap_s = None if attitude.gap_s is None else 2.0 * attitude.gap_s
-    return replace(
-        attitude,
-        t_ns=np.delete(attitude.t_ns, k),
-        q_EF=np.delete(attitude.q_EF, k, axis=0),
-        gap_s=gap_s,
-        starts=starts,
-    )
