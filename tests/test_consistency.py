@@ -169,7 +169,7 @@ def test_a_prior_that_the_data_contradict_is_named(rng, sigmas_off, contradicts)
     C_EK_model = so3.exp([sigmas_off * stated[0], 0.0, 0.0]) @ C_EK_TRUE
     found = [f for f in say(replace(o, prior_E=np.diag(stated**2)), C_EK_model) if "contradict" in f.sentence]
     assert [f.weakens for f in found] == ([True] if contradicts else [])
-    assert all("mounting.sigma_arcsec = [30, 30, 30]" in f.sentence for f in found)
+    assert all("mounting.sigma_arcsec (30, 30, 30 arcsec)" in f.sentence for f in found)
 
 
 def test_without_velocities_the_aberration_is_not_judged(rng):
