@@ -13,7 +13,9 @@ from starplumb.cli.app import app
 from starplumb.estimators.gls import Gls
 from starplumb.io.campaign.read import load_campaign
 from starplumb.io.campaign.write import write_campaign
-from starplumb.io.gis.points import read_asp, read_ground_points, read_qgis
+from starplumb.io.points.asp import read_asp
+from starplumb.io.points.qgis import read_qgis
+from starplumb.io.points.read import read_ground_points
 from starplumb.judge.calibrate import calibrate
 from starplumb.physics.earth import itrf_to_geodetic
 from starplumb.physics.errors import InputError
@@ -61,7 +63,8 @@ def test_qgis_points_in_a_projection_are_turned_into_degrees(tmp_path):
 
 
 ASP = (
-    "# WKT: ignored\n"
+    '# WKT: GEOGCS["WGS 84",DATUM["WGS_1984",SPHEROID["WGS 84",6378137,298.257223563]],PRIMEM["Greenwich",0],'
+    'UNIT["degree",0.0174532925199433],AUTHORITY["EPSG","4326"]]\n'
     "5 23.7 160.1 427.1 1.5 1.5 1.5 folder/image1.tif 124.5 19.7 0.5 0.5 image2.tif 254.3 73.9 1.0 1.0\n"
 )
 
@@ -94,7 +97,7 @@ BAD = {
     "unequal pixel sigmas": ("a.gcp", "5 23.7 160.1 427.1 1 1 1 i.tif 1 2 1 3\n", "pixel sigmas that differ"),
     "no sighting": ("a.gcp", "5 23.7 160.1 427.1 1 1 1\n", "found no point seen in an image"),
     "comments only": ("a.gcp", "# nothing\n", "found no point"),
-    "another ending": ("a.txt", "x", 'found the ending ".txt"'),
+    "another ending": ("a.las", "x", 'found the ending ".las"'),
     "no such column": (
         "a.points",
         WGS84 + "mapX,mapY\n1,2\n",
@@ -122,7 +125,7 @@ BAD = {
 def test_what_cannot_be_used_is_said_in_one_line(tmp_path, case):
     name, text, message = BAD[case]
     (tmp_path / name).write_text(text)
-    with pytest.raises(InputError, match=r"(?s)a\.(gcp|points|txt)") as error:
+    with pytest.raises(InputError, match=r"(?s)a\.(gcp|points|las)") as error:
         read_ground_points(tmp_path / name)
     assert message in str(error.value)
     assert "\n" not in str(error.value)

@@ -13,7 +13,11 @@ from .output import Json, Output, Quiet, Verbose
 
 def points(
     files: Annotated[
-        list[Path], typer.Argument(help="QGIS .points or Ames Stereo Pipeline .gcp.", metavar="FILE...")
+        list[Path],
+        typer.Argument(
+            help="QGIS .points, Ames Stereo Pipeline .gcp, OpenDroneMap .txt, GeoJSON, CSV, or a tagged .tif.",
+            metavar="FILE...",
+        ),
     ],
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder for landmarks.csv and observations.csv.")],
     sigma_m: Annotated[
@@ -27,17 +31,19 @@ def points(
     heights: HeightsOption = None,
     geoid: Geoid = None,
     crs: Annotated[
-        str | None, typer.Option("--crs", help="Reference system of a .points file that does not state it.")
+        str | None, typer.Option("--crs", help="Reference system of a file that does not state it.")
     ] = None,
     json: Json = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
-    """Turn ground points of QGIS or the Ames Stereo Pipeline into landmarks.csv and observations.csv.
+    """Turn ground points of other programs into landmarks.csv and observations.csv.
 
-    The pixels written have (0, 0) at the centre of the first pixel. A .points file is of the image that has its name;
-    points at the very same place are one landmark. QGIS keeps no heights: give a DEM, and say what its heights are
-    above; the heights of a .gcp file are taken as ellipsoidal unless --heights geoid says otherwise.
+    Read are QGIS .points, Ames Stereo Pipeline .gcp, OpenDroneMap gcp_list.txt, GeoJSON of Orthority and rasterio, CSV
+    with such names, and control points in the tags of a .tif. The pixels written have (0, 0) at the centre of the first
+    pixel. A file that names no image is of the image that has its name; points at the very same place are one landmark.
+    QGIS keeps no heights: give a DEM, and say what its heights are above; heights of the other files are taken as
+    ellipsoidal unless --heights geoid says otherwise.
 
     Examples:
 

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field
 
-from ..gis.points import POINT_SUFFIXES
+from ..points.read import POINT_SUFFIXES
 from ..tables.columns import SIGMA_ENU
 from ..tables.declared import Declared
 from ..tables.keys import TableKeys, TimedKeys

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -17,7 +18,9 @@ from numpy.typing import NDArray
 
 from ...physics.errors import InputError
 from ...physics.units import DEG
-from ..text.files import show, trouble
+from ..text.files import show
+from .drivers import open_raster
+from .reference_system import Grid
 
 if TYPE_CHECKING:
     from rasterio.io import DatasetReader
@@ -42,19 +45,7 @@ class Raster:
     @classmethod
     def open(cls, path: Path) -> Raster:
         """Raises InputError where the file is no raster, has no reference system, or rasterio is not installed."""
-        try:
-            import rasterio
-            from rasterio.errors import RasterioIOError
-        except ImportError:
-            raise InputError(f'{path}: reading it needs rasterio: pip install "starplumb[gis]"') from None
-        if (found := trouble(path)) is not None:
-            raise InputError(f"{path}: {found}")
-        try:
-            dataset = rasterio.open(path)
-        except RasterioIOError:
-            raise InputError(
-                f"{path}: found a file that is not a raster, wanted a GeoTIFF or the like"
-            ) from None
+        dataset = open_raster(path)
         if dataset.crs is None or dataset.transform.is_identity:
             raise InputError(f"{path}: found no reference system, wanted a georeferenced raster")
         return cls(path, dataset)
@@ -72,6 +63,12 @@ class Raster:
         """Size of a cell on the ground, m."""
         a, b = abs(self.dataset.transform.a), abs(self.dataset.transform.e)
         return float(min(a, b)) * (111_000.0 if self.dataset.crs.is_geographic else 1.0)
+
+    @cached_property
+    def _grid(self) -> Grid:
+        """Where places stand in a projected raster."""
+        middle = self.dataset.transform @ (0.5 * self.dataset.width, 0.5 * self.dataset.height)
+        return Grid(self.path, self.dataset.crs.to_wkt(), middle)
 
     @property
     def _goes_round(self) -> bool:
@@ -127,9 +124,7 @@ class Raster:
         x, y = longitude / DEG, latitude / DEG
         crs, left = self.dataset.crs, self.dataset.transform.c
         if not crs.is_geographic:
-            from rasterio.warp import transform
-
-            x, y = (np.asarray(values) for values in transform("EPSG:4326", crs, x, y))
+            x, y = self._grid.of(x, y)
         else:
             # grids may run from 0 to 360 or from -180 to 180
             x = left + np.mod(x - left, 360.0)

@@ -14,6 +14,7 @@ from ..tables.cells import Array
 from ..tables.columns import GEODETIC, SIGMA_ENU
 from ..tables.read import Table
 from ..text.files import composed, show
+from .drivers import require_vector
 
 _WGS84 = re.compile(
     r'EPSG:(4326|4979)|OGC:CRS84h?|GEOG(CRS|CS)\["(GCS_)?WGS[ _](19)?84.*', re.DOTALL | re.IGNORECASE
@@ -38,6 +39,7 @@ def read_points(path: Path, flat: bool = False) -> Table:
         from pyogrio.errors import DataSourceError
     except ImportError:
         raise InputError(f'{path}: reading it needs pyogrio: pip install "starplumb[gis]"') from None
+    require_vector(path)
     try:
         layers = [str(name) for name, _ in list_layers(path)]
         if len(layers) != 1:

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from ....physics.errors import InputError
 from ....physics.units import DEG
 from ...gis.heights import Ground
-from ...gis.points import GroundPoints, read_ground_points
+from ...points.ground_points import GroundPoints
+from ...points.read import read_ground_points
 from ...tables.columns import GEODETIC, SIGMA_ENU
 from ...text.files import composed, show
 from ...text.write import csv_text

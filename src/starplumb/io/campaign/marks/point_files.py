@@ -11,7 +11,8 @@ import numpy as np
 
 from ....physics.errors import InputError
 from ...gis.heights import Ground
-from ...gis.points import POINT_SUFFIXES, GroundPoints, read_ground_points
+from ...points.ground_points import GroundPoints
+from ...points.read import POINT_SUFFIXES, read_ground_points
 from ...tables.cells import Array
 from ...tables.columns import GEODETIC, SIGMA_ENU
 from ...tables.declared import Declared

@@ -1,0 +1,43 @@
+"""Ground points of other programs, recognised by the ending of the file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ...physics.errors import InputError
+from ..text.files import show
+from .asp import read_asp
+from .ground_points import GroundPoints
+from .named import read_csv_points, read_geojson_points
+from .odm import read_odm
+from .qgis import read_qgis
+from .tags import read_tags
+
+POINT_SUFFIXES = (".points", ".gcp", ".txt")
+"""Endings of files that can be nothing else, and so may stand in place of a campaign's tables."""
+
+_WANTED = (
+    ".points (QGIS), .gcp (Ames Stereo Pipeline), .txt (OpenDroneMap), .geojson or .json (Orthority, rasterio), "
+    ".csv, or .tif with control points in its tags"
+)
+
+
+def read_ground_points(path: Path, crs: str | None = None) -> GroundPoints:
+    """Points of a file by its ending; ``crs`` is the reference system of a file that does not state it.
+
+    Raises InputError for another ending and for anything in the file that cannot be used.
+    """
+    match path.suffix.lower():
+        case ".points":
+            return read_qgis(path, crs)
+        case ".gcp":
+            return read_asp(path)
+        case ".txt":
+            return read_odm(path, crs)
+        case ".geojson" | ".json":
+            return read_geojson_points(path, crs)
+        case ".csv":
+            return read_csv_points(path, crs)
+        case ".tif" | ".tiff":
+            return read_tags(path, crs)
+    raise InputError(f"{path}: found the ending {show(path.suffix)}, wanted {_WANTED}")
