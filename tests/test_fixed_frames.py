@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from helpers import CAMPAIGN, FILES, write_good_campaign
 from independent import Case, write
 from starplumb.estimators.gls import Gls
-from starplumb.estimators.protocol import align
+from starplumb.estimators.protocol import Status
 from starplumb.io.campaign.read import LoadedCampaign, load_campaign
 from starplumb.io.campaign.write import write_campaign
 from starplumb.judge.calibrate import calibrate
@@ -119,7 +119,8 @@ def test_errors_over_sigma_are_one_by_axis_where_they_were_five(tmp_path, rng):
         turned = (Rotation.from_rotvec(np.repeat(drawn, 17, axis=0)) * Rotation.from_quat(q)).as_quat()
         for name, campaign in campaigns.items():
             measured = campaign.with_attitude(lambda series, q=turned: replace(series, q_EF=q))
-            found = align(observe(measured), campaign.C_EK, Gls())
+            found = Gls()(observe(measured), campaign.C_EK)
+            assert found.status == Status.OK
             off = Rotation.from_matrix(found.C_EK @ true.T).as_rotvec()
             error[name].append(off / np.sqrt(np.diagonal(found.covariance_E)))
     square = {name: np.mean(np.square(errors), axis=0) for name, errors in error.items()}

@@ -12,10 +12,9 @@ import oracles
 from problems import C_EK_TRUE, FRAME, LINE, SIGMAS, truth
 from starplumb.estimators.fit import Fit, State, Unknowns
 from starplumb.estimators.gls import Gls
-from starplumb.estimators.protocol import Status, align
+from starplumb.estimators.protocol import Status
 from starplumb.estimators.wahba import Wahba
 from starplumb.physics import so3
-from starplumb.physics.errors import AlignmentFailed
 from starplumb.physics.units import ARCSEC, DEG
 from starplumb.plan import scene
 from starplumb.table.geometry import observe
@@ -322,9 +321,7 @@ def test_one_marker_is_singular(rng):
     o = few(rng, [0])
     for estimator in (Gls(), Wahba()):
         assert estimator(o, C_EK_TRUE).status == Status.SINGULAR
-        with pytest.raises(AlignmentFailed, match="at least two markers well apart, or a prior"):
-            align(o, C_EK_TRUE, estimator)
-        assert align(o, C_EK_TRUE, estimator, throw=False).status == Status.SINGULAR
+        assert "at least two markers well apart, or a prior" in Status.SINGULAR.text
 
 
 def test_one_marker_and_a_prior_is_enough(rng):

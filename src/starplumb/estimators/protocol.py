@@ -10,7 +10,6 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from ..physics.errors import AlignmentFailed
 from ..table.observations import Observations
 from .fit import Unknowns
 
@@ -178,15 +177,3 @@ class Estimator(Protocol):
     """A frozen set of options; calling it is pure.  ``C_EK`` is the model mounting (..., 3, 3)."""
 
     def __call__(self, observations: Observations, C_EK: Array) -> AlignmentEstimate: ...
-
-
-def align(
-    observations: Observations, C_EK: Array, estimator: Estimator, throw: bool = True
-) -> AlignmentEstimate:
-    """Run an estimator; with ``throw`` an estimate that must not be used raises AlignmentFailed with its reason."""
-    estimate = estimator(observations, C_EK)
-    if throw:
-        worst = Status(int(np.max(estimate.status)))
-        if not worst.usable:
-            raise AlignmentFailed(worst.text)
-    return estimate
