@@ -11,10 +11,10 @@ from .budget import budget
 from .calibrate import calibrate
 from .compare import compare
 from .diagnose import diagnose
-from .import_ import import_
-from .init import init
+from .files.import_ import import_
+from .files.init import init
+from .files.points import points
 from .locate import locate
-from .points import points
 from .reproduce import reproduce
 from .simulate import simulate
 

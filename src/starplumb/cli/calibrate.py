@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from .options.outside import Choice, OutsideOption
 from .output import Json, Output, Quiet, Verbose
 
 
@@ -60,6 +61,7 @@ def calibrate(
     ] = None,
     report: Annotated[bool, typer.Option(help="Write report.html, which takes two seconds.")] = True,
     gpkg: Annotated[bool, typer.Option("--gpkg", help="Write residuals.gpkg for QGIS too.")] = False,
+    outside: OutsideOption = Choice.REFUSE,
     json: Json = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -89,7 +91,7 @@ def calibrate(
         from ..io.gis.geopackage import require_pyogrio
 
         require_pyogrio(out / MAP)
-    found = read_campaign(campaign)
+    found = read_campaign(campaign, outside.value)
     try:
         chosen = "robust" if robust and method in ("default", "gls") else method
         result = run(found, estimate or (), chosen, reach_deg, prior, start)

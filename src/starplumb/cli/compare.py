@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from .options.outside import Choice, OutsideOption
 from .output import Json, Output, Quiet, Verbose
 
 
@@ -21,6 +22,7 @@ def compare(
             help="Where sequential, observer and the linear methods start: closed-form, or model, as published."
         ),
     ] = "closed-form",
+    outside: OutsideOption = Choice.REFUSE,
     json: Json = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -37,7 +39,7 @@ def compare(
     from ..session.comparison import compare as run
 
     speak = Output(json, quiet, verbose)
-    found = read_campaign(campaign)
+    found = read_campaign(campaign, outside.value)
     comparison = run(found, lambda answers, total: speak.watched(answers, "Comparing", total), start)
     speak.notices(found.notices)
     if out is not None:

@@ -7,11 +7,13 @@ from typing import Annotated
 
 import typer
 
+from .options.outside import Choice, OutsideOption
 from .output import Json, Output, Quiet, Verbose, drawn
 
 
 def diagnose(
     campaign: Annotated[Path, typer.Argument(help="The campaign.toml.", metavar="CAMPAIGN.toml")],
+    outside: OutsideOption = Choice.REFUSE,
     json: Json = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -35,7 +37,7 @@ def diagnose(
     from ..session.diagnosis import diagnose as run
 
     speak = Output(json, quiet, verbose)
-    found = read_campaign(campaign)
+    found = read_campaign(campaign, outside.value)
     speak.notices(found.notices)
     diagnosis = run(found)
     speak.document(diagnosis.document)

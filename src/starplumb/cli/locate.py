@@ -7,7 +7,8 @@ from typing import Annotated
 
 import typer
 
-from .ground import Dem, Geoid, HeightsOption
+from .options.ground import Dem, Geoid, HeightsOption
+from .options.outside import Choice, OutsideOption
 from .output import Json, Output, Quiet, Verbose
 
 
@@ -48,6 +49,7 @@ def locate(
         int | None,
         typer.Option("--rows", min=1, help="With --grid: how many rows, for a camera that does not say."),
     ] = None,
+    outside: OutsideOption = Choice.REFUSE,
     json: Json = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -82,7 +84,7 @@ def locate(
             + " --grid, wanted one"
         )
     speak = Output(json, quiet, verbose)
-    found = read_campaign(campaign)
+    found = read_campaign(campaign, outside.value)
     view = view_of(found, result, image, height_m, dem, None if heights is None else heights.value, geoid)
     if grid is not None:
         written = write_grid(

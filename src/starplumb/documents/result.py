@@ -65,6 +65,15 @@ class Geolocation(Part):
     check: Check | None
 
 
+class LeftOut(Part):
+    """A mark that attitude or orbit do not cover, left out as asked; ``where`` names its row."""
+
+    image_id: str
+    landmark_id: str | None
+    where: str
+    reason: str
+
+
 class Rejected(Part):
     """An observation that was left out."""
 
@@ -190,6 +199,7 @@ class ResultDocument(Document):
     software: dict[str, str]
     earth_orientation: dict[str, Any] | None = None
     corrections: dict[str, bool] | None = None
+    left_out: list[LeftOut] | None = None
     notices: list[str] | None = None
     labels: dict[str, int] | None = None
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,6 +45,21 @@ def positions(
         place = np.where(np.isnan(height)[..., None], np.nan, place)
         longitude = np.remainder(place[..., 1] + np.pi, 2.0 * np.pi) - np.pi
         yield np.stack([longitude, place[..., 0], height], axis=-1)
+
+
+def beside_gaps(
+    covered: NDArray[np.bool_], columns: int, located: Callable[[NDArray[np.bool_]], Iterator[Array]]
+) -> Iterator[Array]:
+    """Blocks of all rows (r,): of those ``covered`` what ``located`` makes of a choice of rows, of the others NaN."""
+    ends = np.flatnonzero(np.diff(covered)) + 1
+    for run in np.split(np.arange(covered.size), ends):
+        if covered[run[0]]:
+            chosen = np.zeros(covered.size, dtype=np.bool_)
+            chosen[run] = True
+            yield from located(chosen)
+            continue
+        for rows in np.array_split(run, max(run.size * columns // BLOCK, 1)):
+            yield np.full((rows.size, columns, 3), np.nan)
 
 
 def terrain_below(

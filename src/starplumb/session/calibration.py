@@ -86,6 +86,7 @@ def calibrate(
     """
     name = method if isinstance(method, str) else type(method).__name__
     wanted = [estimate] if isinstance(estimate, str) else estimate
+    campaign.loaded.coverage.require()
     campaign, known = (campaign, None) if prior is None else with_prior(campaign, prior)
     estimator = estimator_of(method, wanted, campaign.loaded.campaign, start)
     found = identify(campaign, reach_deg)

@@ -10,6 +10,7 @@ from typing import Annotated, Any, ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from ..io.campaign.marks.outside import Outside
 from ..io.campaign.read import LoadedCampaign, load_campaign
 from ..physics.errors import InputError
 from ..table.campaign import Campaign as Physics
@@ -38,26 +39,28 @@ class Campaign(Shown):
 
     @classmethod
     @checked
-    def read(cls, path: str | Path) -> Campaign:
+    def read(cls, path: str | Path, outside: Outside = "refuse") -> Campaign:
         """The campaign of a ``campaign.toml`` and the files that it names.
 
-        Raises InputError, one sentence, for the first file that cannot be used.
+        ``outside="skip"`` leaves out marks that attitude or orbit do not cover, and says which; else they are refused
+        where they are needed.  Raises InputError, one sentence, for the first file that cannot be used.
         """
-        return cls(load_campaign(Path(path), with_detections=True), str(path), Path(path))
+        return cls(load_campaign(Path(path), with_detections=True, outside=outside), str(path), Path(path))
 
     @classmethod
     @checked
-    def from_tables(cls, settings: Settings, **tables: object) -> Campaign:
+    def from_tables(cls, settings: Settings, *, outside: Outside = "refuse", **tables: object) -> Campaign:
         """A campaign of settings and tables, with the same checks and sentences as one of files.
 
         ``settings`` are the keys of ``campaign.toml`` as a dictionary, or its path.  ``tables`` are paths or data
         frames (pandas, polars, PyArrow and any other that gives Arrow data, or a mapping of columns), by the name of
         their section: ``attitude``, ``ephemeris``, ``landmarks``, ``images``, ``observations`` or ``detections``.
+        ``outside`` is as in :meth:`read`.
 
         Raises InputError, one sentence, for the first table that cannot be used.
         """
         settings = Path(settings) if isinstance(settings, str) else settings
-        loaded = load_campaign(settings, tables, with_detections=True)
+        loaded = load_campaign(settings, tables, with_detections=True, outside=outside)
         path = settings if isinstance(settings, Path) else None
         return cls(loaded, loaded.campaign.name if path is None else str(path), path)
 
@@ -96,12 +99,14 @@ class Campaign(Shown):
         return "camera", self.loaded.config.tracker
 
     def require_observations(self) -> None:
-        """Raise InputError where the campaign has detections whose landmarks are not known."""
+        """Raise InputError where the campaign has detections whose landmarks are not known, or marks without attitude
+        or orbit."""
         if self.loaded.detections is not None:
             raise InputError(
                 f"{self.source}: detections: found marker images whose landmarks are not known, wanted [observations]: "
                 "label the detections first"
             )
+        self.loaded.coverage.require()
 
     @property
     def sentences(self) -> Sequence[str]:
@@ -118,9 +123,9 @@ class Campaign(Shown):
 
 
 @checked
-def read_campaign(path: str | Path) -> Campaign:
+def read_campaign(path: str | Path, outside: Outside = "refuse") -> Campaign:
     """The campaign of a ``campaign.toml``; as :meth:`Campaign.read`."""
-    return Campaign.read(path)
+    return Campaign.read(path, outside)
 
 
 @checked

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..documents.numbers import numbers
-from ..ground.geolocation import block_count, positions, terrain_below
+from ..ground.geolocation import beside_gaps, block_count, positions, terrain_below
 from ..ground.locate import Location, ground
 from ..ground.terrain import ground_height, slopes
 from ..io.campaign.marks.markers import bounds_px, meant
@@ -20,6 +20,7 @@ from ..io.gis.heights import surface as dem_surface
 from ..io.text.files import composed
 from ..physics.errors import ArgumentError, InputError
 from ..physics.units import DEG
+from ..table.coverage import covered, why_not
 from .arguments import NotNegative, checked
 from .campaign import Campaign
 from .mounting import Mounting, mounting_of
@@ -242,6 +243,9 @@ class Grid(Shown):
         lines = [f"{d['file']}: longitude, latitude, height of {size} pixels (mounting: {d['mounting']})"]
         if d["pixels_without_ground"]:
             lines.append(f"{d['pixels_without_ground']} of them have no ground in the DEM and are NaN")
+        if d["rows_left_out"]:
+            rows = f"{d['rows_left_out']} of {d['rows']} rows"
+            lines.append(f"{rows} lie outside attitude or orbit and are NaN")
         return tuple(lines)
 
     @property
@@ -269,11 +273,18 @@ def write_grid(
     columns = loaded.campaign.camera.size_px[0]
     row_px = np.arange(0.0, _row_count(view.campaign, rows), every)
     column_px = np.arange(0.0, columns, every)
+    seen = _covered_rows(view, row_px)
     below: Any = view.height_m
     if view.surface is not None:
         step_m = view.surface.dem.step_m
-        below = terrain_below(loaded.campaign, C_EK, view.image, row_px, column_px, view.surface.at, step_m)
-    blocks = positions(loaded.campaign, C_EK, view.image, row_px, column_px, below)
+        below = terrain_below(
+            loaded.campaign, C_EK, view.image, row_px[seen], column_px, view.surface.at, step_m
+        )
+    blocks = beside_gaps(
+        seen,
+        column_px.size,
+        lambda rows: positions(loaded.campaign, C_EK, view.image, row_px[rows], column_px, below),
+    )
     shape = (row_px.size, column_px.size)
     missing = write(path, watch(blocks, block_count(row_px, column_px)), shape, every)
     return Grid(
@@ -286,10 +297,26 @@ def write_grid(
             "first_pixel_px": [loaded.shift_px, loaded.shift_px],
             "step_px": every,
             "bands": ["longitude_deg", "latitude_deg", "height_m"],
-            "pixels_without_ground": missing,
+            "pixels_without_ground": missing - int(np.sum(~seen)) * column_px.size,
+            "rows_left_out": int(np.sum(~seen)),
             "notices": list(view.mounting.notices),
         }
     )
+
+
+def _covered_rows(view: View, row_px: Array) -> NDArray[np.bool_]:
+    """Which rows (r,) to locate: those that attitude and orbit cover where the others are to be left out, else all.
+
+    Raises InputError where none is.
+    """
+    if view.campaign.loaded.outside == "refuse":
+        return np.ones(row_px.size, dtype=np.bool_)
+    image = np.full(row_px.size, view.image)
+    seen = covered(view.campaign.loaded.campaign, image, row_px)
+    if not seen.any():
+        why = why_not(view.campaign.loaded.campaign, view.image, float(row_px[0]))
+        raise InputError(f"{view.campaign.source}: {why}; no row of {view.image_id} is covered")
+    return seen
 
 
 def _row_count(campaign: Campaign, rows: int | None) -> float:

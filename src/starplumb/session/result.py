@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
@@ -282,6 +282,7 @@ def _provenance(loaded: LoadedCampaign) -> dict[str, Any]:
         if orientation is None
         else {"source": orientation.source, "predicted": loaded.predicted_orientation},
         "corrections": {"light_time": c.light_time, "aberration": c.aberration, "refraction": c.refraction},
+        **({"left_out": list(map(asdict, loaded.left_out))} if loaded.left_out else {}),
         "notices": list(loaded.notices),
     }
 

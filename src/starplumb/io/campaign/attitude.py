@@ -139,8 +139,9 @@ def _spread(
 
 def _require_whole_images(settings: str, fused: FusedAttitude, exposures: Exposures) -> list[str]:
     """A notice for each tracker that misses images; a tracker must not come and go within one image."""
-    names, image = exposures.images.ids, exposures.image
-    used = fused.used(exposures.t_ns)
+    names, used = exposures.images.ids, fused.used(exposures.t_ns)
+    seen = np.any(used, axis=0)  # marks that no tracker covers are told elsewhere
+    image, used = exposures.image[seen], used[:, seen]
     whole = np.ones((len(names), len(fused.trackers)), dtype=np.bool_)
     some = np.zeros_like(whole)
     np.logical_and.at(whole, image, used.mT)

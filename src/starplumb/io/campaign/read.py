@@ -17,6 +17,7 @@ from ...physics.units import ARCSEC
 from ...table.campaign import Campaign, Detections, Images, Landmarks, Sightings
 from ..gis.heights import Ground
 from ..tables.cells import Array
+from ..tables.read import Table
 from ..text.frames import earth_frame
 from ..text.toml import check, refuse
 from . import motion
@@ -28,6 +29,7 @@ from .fixed_frames import Turn
 from .marks import markers
 from .marks.images import images_of, read_images
 from .marks.landmarks import read_landmarks
+from .marks.outside import Coverage, LeftOut, Outside
 from .settings import read_settings
 from .sharing import attitude_sharing, position_sharing
 from .spice_config import spice_rules
@@ -45,7 +47,8 @@ class LoadedCampaign:
     ``inputs`` maps each file, as the campaign names it, to its SHA-256; ``notices`` are sentences the user
     should see; ``orientation`` is that of the Earth where an inertial frame asked for it (its ``source``
     names the table). ``detections`` stand in for the sightings, of which there are then none, where the
-    landmarks are not known.
+    landmarks are not known; ``rows`` names the rows of either, and ``left_out`` are those outside attitude and orbit
+    where that was asked for.
     """
 
     campaign: Campaign
@@ -53,7 +56,10 @@ class LoadedCampaign:
     inputs: dict[str, str]
     notices: tuple[str, ...]
     orientation: EarthOrientation | None
+    rows: Table
     detections: Detections | None = None
+    outside: Outside = "refuse"
+    left_out: tuple[LeftOut, ...] = ()
 
     @property
     def predicted_orientation(self) -> bool:
@@ -61,6 +67,11 @@ class LoadedCampaign:
         return self.orientation is not None and bool(
             np.any(self.orientation.predicted(self.campaign.images.t_ns))
         )
+
+    @property
+    def coverage(self) -> Coverage:
+        """Which marks attitude and orbit cover."""
+        return Coverage.of(self.campaign, self.detections, self.rows)
 
     @property
     def C_EK_true(self) -> Array | None:
@@ -79,6 +90,7 @@ def load_campaign(
     tables: Mapping[str, object] | None = None,
     *,
     with_detections: bool = False,
+    outside: Outside = "refuse",
 ) -> LoadedCampaign:
     """Read a campaign: ``settings`` is the path of ``campaign.toml`` or its content as a dictionary.
 
@@ -89,7 +101,8 @@ def load_campaign(
     settings name stand relative to the folder of ``campaign.toml``, else to the working directory.
 
     ``with_detections`` says that the caller can do without known landmarks; a campaign with [detections] is
-    else refused. Raises InputError, one sentence, for the first file or table that cannot be used.
+    else refused. ``outside="skip"`` leaves out marks that attitude or orbit do not cover; else whoever needs them
+    refuses them. Raises InputError, one sentence, for the first file or table that cannot be used.
     """
     given = read_settings(settings, tables)
     config = check(given.document, CampaignConfig, given.name)
@@ -104,10 +117,24 @@ def load_campaign(
         )
     notices: list[str] = []
     orientation = _orientation(config, files)
-    campaign, detections = _assemble(config, files, orientation, notices, given.name)
-    return LoadedCampaign(
-        campaign, config, given.digest | files.fingerprints(), tuple(notices), orientation, detections
-    )
+    campaign, detections, rows = _assemble(config, files, orientation, notices, given.name)
+    inputs = given.digest | files.fingerprints()
+    loaded = LoadedCampaign(campaign, config, inputs, tuple(notices), orientation, rows, detections, outside)
+    return _without_outside(loaded) if outside == "skip" else loaded
+
+
+def _without_outside(loaded: LoadedCampaign) -> LoadedCampaign:
+    """The campaign without the marks that attitude or orbit do not cover, and with a notice that names them."""
+    coverage = loaded.coverage
+    if not coverage.outside.size:
+        return loaded
+    left_out = coverage.left_out()
+    notice = f"{loaded.rows.source}: left out {coverage.told}"
+    marks, rows = coverage.kept()
+    with_marks: dict[str, Any] = {"detections": marks}
+    if isinstance(marks, Sightings):
+        with_marks = {"campaign": replace(loaded.campaign, sightings=marks)}
+    return replace(loaded, rows=rows, left_out=left_out, notices=(*loaded.notices, notice), **with_marks)
 
 
 def _orientation(config: CampaignConfig, files: Files) -> EarthOrientation | None:
@@ -123,7 +150,7 @@ def _assemble(
     orientation: EarthOrientation | None,
     notices: list[str],
     settings: str,
-) -> tuple[Campaign, Detections | None]:
+) -> tuple[Campaign, Detections | None, Table]:
     scale = config.campaign.time_scale
     camera = read_camera(config.camera, files.tables.get("camera.look_angles"), notices)
     images = _images(config, files, camera.scans, notices)
@@ -136,7 +163,7 @@ def _assemble(
     if config.landmarks.common_sigma_m is not None:
         landmarks = replace(landmarks, common_sigma=np.array(config.landmarks.common_sigma_m))
     grid = markers.Grid(*camera.size_px, shift_px=pixel_shift(config.camera))
-    sightings, detections = _marks(config, files, images, landmarks, grid, notices)
+    sightings, detections, rows = _marks(config, files, images, landmarks, grid, notices)
     ephemeris = motion.read_ephemeris(
         files.tables["ephemeris.file"], config.ephemeris, scale, images.t_ns, orientation, notices
     )
@@ -168,7 +195,7 @@ def _assemble(
         attitude_errors=attitude_sharing(config, attitude, exposures),
         position_errors=position_sharing(config.ephemeris),
     )
-    return campaign, detections
+    return campaign, detections, rows
 
 
 def _images(config: CampaignConfig, files: Files, scans: bool, notices: list[str]) -> Images:
@@ -201,16 +228,17 @@ def _marks(
     landmarks: Landmarks,
     grid: markers.Grid,
     notices: list[str],
-) -> tuple[Sightings, Detections | None]:
+) -> tuple[Sightings, Detections | None, Table]:
     """Sightings of known landmarks, or none and the detections that have none yet."""
     if config.observations is not None:
         declared, file = config.observations.declared("observations"), files.of_points("observations")
-        seen = markers.read_observations(file, images.ids, landmarks.ids, grid, notices, declared)
-        return seen, None
+        seen, rows = markers.read_observations(file, images.ids, landmarks.ids, grid, notices, declared)
+        return seen, None, rows
     if config.detections is None:
-        return _no_sightings(), None
+        raise ValueError("the rules want observations or detections")
     declared, file = config.detections.declared("detections"), files.tables["detections.file"]
-    return _no_sightings(), markers.read_detections(file, images.ids, grid, notices, declared)
+    detections, rows = markers.read_detections(file, images.ids, grid, notices, declared)
+    return _no_sightings(), detections, rows
 
 
 def _no_sightings() -> Sightings:

@@ -92,6 +92,17 @@ class Table:
         named = f", column{s} {', '.join(map(self.declared.name, columns))}" if columns else ""
         return place + named
 
+    def named_only(self, rows: Sequence[int], texts: dict[str, Sequence[str]]) -> Table:
+        """Some of the rows with these texts and no numbers: they are still named as in the whole table."""
+        return replace(
+            self,
+            numbers={},
+            texts=texts,
+            rows=len(rows),
+            row_number=lambda i: self.row_number(rows[i]),
+            places=[self.places[row] for row in rows] if self.places else (),
+        )
+
     def error(self, row: int, column: str, found: object, wanted: str) -> InputError:
         """The sentence about one cell: table, row, column, what was found and what is wanted."""
         return found_error(self.where(row, column), found, wanted)

@@ -167,7 +167,7 @@ def _with_landmarks(
             )
         marks = read_landmarks(landmarks, notices)
         grid = Grid(float(product.columns), float(product.rows), 0.0)
-        seen = read_observations(observations, campaign.images.ids, marks.ids, grid, notices)
+        seen, _ = read_observations(observations, campaign.images.ids, marks.ids, grid, notices)
         return replace(campaign, landmarks=marks, sightings=seen)
     if corners is None:
         notices.append("landmarks.csv and observations.csv hold no rows yet: fill them in")

@@ -74,12 +74,7 @@ def images_of(source: TableSource | PointFiles, scale: str, time_from_id: str, d
     first = {name: row for row, name in reversed(list(enumerate(table.texts["image_id"])))}
     rows = sorted(first.values())
     ids = tuple(table.texts["image_id"][row] for row in rows)
-    seen = replace(
-        table,
-        texts={"image_id": ids},
-        row_number=lambda i: table.row_number(rows[i]),
-        places=[table.places[row] for row in rows] if table.places else (),
-    )
+    seen = table.named_only(rows, {"image_id": ids})
     return Images(ids, _times_in_ids(seen, time_from_id, scale), name=str(source))
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,9 +40,11 @@ def read_observations(
     grid: Grid,
     notices: list[str],
     declared: Declared = UNDECLARED,
-) -> Sightings:
-    """Sightings of known landmarks; every row is taken or refused, images and landmarks without one
-    are reported."""
+) -> tuple[Sightings, Table]:
+    """Sightings of known landmarks, and the table that names their rows (its columns dropped).
+
+    Every row is taken or refused, images and landmarks without one are reported.
+    """
     if isinstance(source, PointFiles):
         table = source.observations(declared, grid.shift_px)
     else:
@@ -60,7 +62,7 @@ def read_observations(
     column, row, sigma = _pixels(table, grid)
     check = _roles(table)
     notices += _unseen(source, "image", images, image) + _unseen(source, "landmark", landmarks, landmark)
-    return Sightings(image, landmark, column, row, sigma, check)
+    return Sightings(image, landmark, column, row, sigma, check), bare(table)
 
 
 def read_detections(
@@ -69,15 +71,20 @@ def read_detections(
     grid: Grid,
     notices: list[str],
     declared: Declared = UNDECLARED,
-) -> Detections:
-    """Marker images whose landmark is not known."""
+) -> tuple[Detections, Table]:
+    """Marker images whose landmark is not known, and the table that names their rows (its columns dropped)."""
     table = read_table(
         source, texts=("image_id",), numbers=("column_px", "row_px", "sigma_px"), declared=declared
     )
     notices += table.notices
     image = _lookup(table, "image_id", images, "images")
     notices += _unseen(source, "image", images, image)
-    return Detections(image, *_pixels(table, grid))
+    return Detections(image, *_pixels(table, grid)), bare(table)
+
+
+def bare(table: Table) -> Table:
+    """The rows of a table without what they hold."""
+    return replace(table, numbers={}, texts={})
 
 
 def _lookup(table: Table, column: str, known: Sequence[str], what: str) -> Index:

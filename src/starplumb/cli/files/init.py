@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from .output import Json, Output, Quiet, Verbose
+from ..output import Json, Output, Quiet, Verbose
 
 
 class Kind(StrEnum):
@@ -33,8 +33,8 @@ def init(
 
       starplumb init demo && starplumb calibrate demo/campaign.toml
     """
-    from ..physics.errors import InputError
-    from ..session.campaign import write_demo
+    from ...physics.errors import InputError
+    from ...session.campaign import write_demo
 
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise InputError(f"{folder}: found something there already, wanted a new or empty folder")

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from .output import Json, Output, Quiet, Verbose
+from ..output import Json, Output, Quiet, Verbose
 
 if TYPE_CHECKING:
-    from ..io.vendors.digitalglobe_geo import Optics
+    from ...io.vendors.digitalglobe_geo import Optics
 
 
 class Source(StrEnum):
@@ -86,7 +86,7 @@ def import_(
         --principal-distance-mm 8836.202 --detector-pitch-mm 0.01191396 \\
         --detector-origin-mm 9.54684,164.02773
     """
-    from ..io.vendors.product import import_product
+    from ...io.vendors.product import import_product
 
     speak = Output(json, quiet, verbose)
     notices = import_product(
@@ -112,7 +112,7 @@ def import_(
 def _numbers(option: str, text: str, counts: tuple[int, ...], wanted: str) -> tuple[float, ...]:
     from math import isfinite
 
-    from ..physics.errors import InputError
+    from ...physics.errors import InputError
 
     try:
         values = tuple(float(part) for part in text.split(","))
@@ -139,8 +139,8 @@ def _pair(option: str, text: str | None) -> tuple[float, float] | None:
 
 def _optics(distance_mm: float | None, pitch_mm: float | None, origin_mm: str | None) -> Optics | None:
     """The camera of a DigitalGlobe product whose .GEO is not at hand; all of it or nothing."""
-    from ..io.vendors.digitalglobe_geo import Optics
-    from ..physics.errors import InputError
+    from ...io.vendors.digitalglobe_geo import Optics
+    from ...physics.errors import InputError
 
     given = (distance_mm, pitch_mm, origin_mm)
     if all(value is None for value in given):

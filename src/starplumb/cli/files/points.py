@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from .ground import Dem, Geoid, HeightsOption
-from .output import Json, Output, Quiet, Verbose
+from ..options.ground import Dem, Geoid, HeightsOption
+from ..output import Json, Output, Quiet, Verbose
 
 
 def points(
@@ -54,9 +54,9 @@ def points(
       \b
       starplumb points control.gcp --out campaign
     """
-    from ..io.campaign.marks.ground_tables import Sigmas, tables
-    from ..io.gis.heights import Ground
-    from ..io.text.write import publish
+    from ...io.campaign.marks.ground_tables import Sigmas, tables
+    from ...io.gis.heights import Ground
+    from ...io.text.write import publish
 
     speak = Output(json, quiet, verbose)
     found, notices = tables(
@@ -79,7 +79,7 @@ def _three(option: str, text: str | None) -> tuple[float, float, float] | None:
     """One positive number, or three with commas between."""
     from math import isfinite
 
-    from ..physics.errors import InputError
+    from ...physics.errors import InputError
 
     if text is None:
         return None
