@@ -220,7 +220,7 @@ def _standard_attitude(
             raise InputError(
                 f"{path}: found the frame {show(word)}, wanted {show(stated)} as {section}.{key} says"
             )
-        if earth_frame(word) is None and word != stated:
+        if earth_frame(word) is None and word not in (stated, ""):
             notices.append(f"{path}: took its frame {word} for {stated}, the name in the campaign")
     q, frame = _to_tracker(table.q_BA_xyzw, config.source, config.target)
     starts = tuple(start for start, _ in table.segments[1:])

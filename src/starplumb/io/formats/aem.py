@@ -26,6 +26,7 @@ from .ccsds_message import (
     time_scale,
     usable,
 )
+from .quaternions import CONJUGATE, unit
 from .series_tables import AttitudeTable, FloatArray
 
 AEM = Dialect(
@@ -62,9 +63,6 @@ AEM = Dialect(
     ),
 )
 _WIDTHS = {"QUATERNION": 4, "QUATERNION/DERIVATIVE": 8, "QUATERNION/RATE": 7, "QUATERNION/ANGVEL": 7}
-_NORM_TOLERANCE = 1e-3
-_ROUNDING = 1e-15
-_CONJUGATE = np.array([-1.0, -1.0, -1.0, 1.0])
 
 
 def read_aem(path: str | Path) -> AttitudeTable:
@@ -121,17 +119,8 @@ def _quaternions(message: Message, segment: Segment) -> FloatArray:
     q = numbers(message, segment, slice(4))
     if scalar_first:
         q = np.roll(q, -1, axis=1)
-    norm = np.linalg.norm(q, axis=1)
-    wrong = np.abs(norm - 1.0) > _NORM_TOLERANCE
-    if wrong.any():
-        row = int(np.argmax(wrong))
-        raise message.error(
-            segment.lines[row], f"the quaternion has norm {norm[row]:.6g}, wanted 1 within 0.001"
-        )
-    # Digits that are of unit norm already are kept as they are: no file changes by being read and written.
-    norm[np.abs(norm - 1.0) < _ROUNDING] = 1.0
-    q /= norm[:, None]
-    return q * _CONJUGATE if conjugate else q
+    q = unit(q, lambda row, fault: message.error(segment.lines[row], fault))
+    return q * CONJUGATE if conjugate else q
 
 
 def _keyword(message: Message, segment: Segment, key: str, wanted: tuple[str, ...]) -> str:
@@ -193,6 +182,6 @@ def _message(table: AttitudeTable, originator: str, created: str | None) -> Mess
         "REF_FRAME_A": table.frame_a,
         "REF_FRAME_B": table.frame_b,
     }
-    quaternions = digits(table.q_BA_xyzw * _CONJUGATE)
+    quaternions = digits(table.q_BA_xyzw * CONJUGATE)
     add_segments(message, table, meta, {"ATTITUDE_TYPE": "QUATERNION"}, quaternions)
     return message

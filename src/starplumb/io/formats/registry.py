@@ -141,11 +141,30 @@ def _read_aem(path: Path, asked: Asked) -> AttitudeTable:
     return read_aem(path)
 
 
+def _stk(block: str) -> Callable[[str], bool]:
+    """A file of STK's with this block; its version in the first line, comments before it passed over."""
+    return _starts_with(rf"\s*(#[^\n]*\n\s*)*stk\.v\.[\d.]+\s(?s:.*?)\bBEGIN\s+{block}\b")
+
+
+def _read_stk_ephemeris(path: Path, asked: Asked) -> EphemerisTable:
+    from .stk.series import read_stk_ephemeris
+
+    return read_stk_ephemeris(path)
+
+
+def _read_stk_attitude(path: Path, asked: Asked) -> AttitudeTable:
+    from .stk.series import read_stk_attitude
+
+    return read_stk_attitude(path)
+
+
 ORBITS: tuple[Format[EphemerisTable], ...] = (
     Format("CCSDS OEM", _ccsds("OEM"), _read_oem, (".oem", ".xml")),
     Format("SP3", _starts_with(r"#[a-z][PV ]\s?\d{2,4}\s"), _read_sp3, (".sp3",)),
     Format("SPICE SPK", _starts_with(r"DAF/SPK|NAIF/DAF"), _read_spk, (".bsp",)),
+    Format("STK ephemeris", _stk("Ephemeris"), _read_stk_ephemeris, (".e",)),
 )
 ATTITUDES: tuple[Format[AttitudeTable], ...] = (
     Format("CCSDS AEM", _ccsds("AEM"), _read_aem, (".aem", ".xml")),
+    Format("STK attitude", _stk("Attitude"), _read_stk_attitude, (".a",)),
 )
