@@ -319,6 +319,10 @@ BAD_OEM = {
         oem_kvn() + _second_segment("2001-01-01T00:00:00").replace("SAT", "CAT"),
         "OBJECT_NAME is 'CAT'",
     ),
+    "two satellites of one name": (
+        oem_kvn() + _second_segment("2001-01-01T00:00:00").replace("2026-001A", "2026-001B"),
+        "OBJECT_ID is '2026-001B' but '2026-001A' in the first segment",
+    ),
     "two frames": (
         oem_kvn() + _second_segment("2001-01-01T00:00:00").replace("ITRF2014", "GCRF"),
         "ITRF and in GCRF",
@@ -469,6 +473,11 @@ BAD_AEM = {
         "line 13: ATTITUDE_TYPE is 'EULER_ANGLE', wanted",
     ),
     "spin": (aem_kvn(_aem_meta(ATTITUDE_TYPE="SPIN")), "ATTITUDE_TYPE is 'SPIN'"),
+    "Euler angles in XML": (
+        aem_xml("eulerAngle", meta=_aem_meta(ATTITUDE_TYPE="EULER_ANGLE")).replace("Q1>", "X1>"),
+        "ATTITUDE_TYPE is 'EULER_ANGLE', wanted QUATERNION",
+    ),
+    "no component in XML": (aem_xml("quaternionState").replace("Q1>", "X1>"), "this attitudeState has no Q1"),
     "columns": (
         aem_kvn(_aem_meta(ATTITUDE_TYPE="QUATERNION/ANGVEL")),
         "line 16: found 4 numbers .* wanted 7",

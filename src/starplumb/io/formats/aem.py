@@ -19,6 +19,7 @@ from .ccsds_message import (
     Segment,
     check,
     check_columns,
+    choice,
     common,
     join,
     numbers,
@@ -29,6 +30,7 @@ from .ccsds_message import (
 from .quaternions import CONJUGATE, unit
 from .series_tables import AttitudeTable, FloatArray
 
+_WIDTHS = {"QUATERNION": 4, "QUATERNION/DERIVATIVE": 8, "QUATERNION/RATE": 7, "QUATERNION/ANGVEL": 7}
 AEM = Dialect(
     name="AEM",
     versions=(1, 2),
@@ -61,8 +63,8 @@ AEM = Dialect(
             "INTERPOLATION_DEGREE",
         }
     ),
+    choices={"ATTITUDE_TYPE": tuple(_WIDTHS)},
 )
-_WIDTHS = {"QUATERNION": 4, "QUATERNION/DERIVATIVE": 8, "QUATERNION/RATE": 7, "QUATERNION/ANGVEL": 7}
 
 
 def read_aem(path: str | Path) -> AttitudeTable:
@@ -76,7 +78,7 @@ def read_aem(path: str | Path) -> AttitudeTable:
     notices = check(message, AEM)
     scale = time_scale(message)
     frame_a, frame_b = common(message, "REF_FRAME_A"), common(message, "REF_FRAME_B")
-    object_name = common(message, "OBJECT_NAME")
+    object_name, object_id = common(message, "OBJECT_NAME"), common(message, "OBJECT_ID")
     pieces = []
     for segment in message.segments:
         t_ns = segment_epochs(message, segment, scale)
@@ -94,7 +96,7 @@ def read_aem(path: str | Path) -> AttitudeTable:
         time_scale=scale,
         object_name=object_name,
         segments=segments,
-        object_id=message.segments[0].meta["OBJECT_ID"].text,
+        object_id=object_id,
         notices=(*notices, *joints),
     )
 
@@ -111,7 +113,7 @@ def _left_unread(message: Message, segment: Segment, said: list[str]) -> list[st
 
 def _quaternions(message: Message, segment: Segment) -> FloatArray:
     """q_BA (n, 4) of a segment: order, norm and direction settled."""
-    kind = _keyword(message, segment, "ATTITUDE_TYPE", tuple(_WIDTHS))
+    kind = choice(message, segment, "ATTITUDE_TYPE", tuple(_WIDTHS))
     scalar_first = _scalar_first(message, segment)
     conjugate = _a_to_b(message, segment)
     if not message.named_columns:
@@ -123,22 +125,10 @@ def _quaternions(message: Message, segment: Segment) -> FloatArray:
     return q * CONJUGATE if conjugate else q
 
 
-def _keyword(message: Message, segment: Segment, key: str, wanted: tuple[str, ...]) -> str:
-    """The value of a keyword, one of those wanted."""
-    entry = segment.meta.get(key)
-    choice = ", ".join(wanted[:-1]) + " or " + wanted[-1]
-    if entry is None:
-        raise message.error(segment.line, f"the metadata that start here lack {key}, wanted {choice}")
-    value = entry.text.upper()
-    if value not in wanted:
-        raise message.error(entry.line, f"{key} is {entry.text!r}, wanted {choice}")
-    return value
-
-
 def _scalar_first(message: Message, segment: Segment) -> bool:
     """Whether QC leads: version 1 says so in KVN; XML names the components; version 2 has it last."""
     if message.version == 1 and not message.named_columns:
-        return _keyword(message, segment, "QUATERNION_TYPE", ("FIRST", "LAST")) == "FIRST"
+        return choice(message, segment, "QUATERNION_TYPE", ("FIRST", "LAST")) == "FIRST"
     if message.version == 2:
         _refuse_removed(message, segment, "QUATERNION_TYPE", "LAST")
     return False
@@ -147,7 +137,7 @@ def _scalar_first(message: Message, segment: Segment) -> bool:
 def _a_to_b(message: Message, segment: Segment) -> bool:
     """Whether the file's quaternion is CCSDS's A to B: version 1 may say the opposite, version 2 may not."""
     if message.version == 1:
-        return _keyword(message, segment, "ATTITUDE_DIR", ("A2B", "B2A")) == "A2B"
+        return choice(message, segment, "ATTITUDE_DIR", ("A2B", "B2A")) == "A2B"
     _refuse_removed(message, segment, "ATTITUDE_DIR", "A2B")
     return True
 

@@ -60,7 +60,7 @@ class Dialect:
 
     ``columns`` maps element names to the unit that a ``units`` attribute may state. ``record_template`` is
     the XML of one record, filled with the epoch and the columns. ``data_marks``: rows stand between
-    DATA_START and DATA_STOP.
+    DATA_START and DATA_STOP. ``choices`` are the values of keywords on which the columns of a record depend.
     """
 
     name: str
@@ -71,6 +71,7 @@ class Dialect:
     data_marks: bool
     mandatory: tuple[str, ...]
     optional: frozenset[str]
+    choices: dict[str, tuple[str, ...]] = field(default_factory=dict)
 
     @property
     def version_key(self) -> str:
@@ -121,6 +122,18 @@ def common(message: Message, key: str) -> str:
             found = f"{key} is {other.text!r} but {first.text!r} in the first segment"
             raise message.error(other.line, f"{found}, one file must keep to one")
     return first.text
+
+
+def choice(message: Message, segment: Segment, key: str, wanted: tuple[str, ...]) -> str:
+    """The value of a keyword, one of those wanted."""
+    entry = segment.meta.get(key)
+    words = ", ".join(wanted[:-1]) + " or " + wanted[-1]
+    if entry is None:
+        raise message.error(segment.line, f"the metadata that start here lack {key}, wanted {words}")
+    value = entry.text.upper()
+    if value not in wanted:
+        raise message.error(entry.line, f"{key} is {entry.text!r}, wanted {words}")
+    return value
 
 
 def time_scale(message: Message) -> str:

@@ -7,7 +7,7 @@ from xml.sax.saxutils import escape
 
 from ...physics.errors import InputError
 from ..text.xml_tree import XmlElement, parse_xml
-from .ccsds_message import Dialect, Entry, Message, Segment, set_version
+from .ccsds_message import Dialect, Entry, Message, Segment, choice, set_version
 
 _HEAD = '<?xml version="1.0" encoding="UTF-8"?>'
 _SCHEMA = (
@@ -91,6 +91,8 @@ def _take_record(message: Message, dialect: Dialect, segment: Segment, record: X
         _enter(message, found, leaf)
     for name in ("EPOCH", *dialect.columns):
         if name not in found:
+            for key, wanted_words in dialect.choices.items():  # a record of another type has other columns
+                choice(message, segment, key, wanted_words)
             raise message.error(record.line, f"this {record.tag} has no {name}")
     segment.epochs.append(found["EPOCH"].text)
     segment.rows.append([found[name].text for name in dialect.columns])

@@ -69,7 +69,7 @@ def read_oem(path: str | Path) -> EphemerisTable:
     message = load(path, OEM)
     notices = check(message, OEM)
     scale = time_scale(message)
-    object_name = common(message, "OBJECT_NAME")
+    object_name, object_id = common(message, "OBJECT_NAME"), common(message, "OBJECT_ID")
     frames = {_frame(message, segment) for segment in message.segments}
     if len(frames) > 1:
         raise InputError(f"{path}: found segments in ITRF and in GCRF, one file must keep to one frame")
@@ -92,7 +92,7 @@ def read_oem(path: str | Path) -> EphemerisTable:
         object_name=object_name,
         segments=segments,
         frame_text=meta["REF_FRAME"].text,
-        object_id=meta["OBJECT_ID"].text,
+        object_id=object_id,
         notices=(*notices, *joints),
     )
 
