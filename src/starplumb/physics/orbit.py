@@ -1,4 +1,4 @@
-"""Orbits and pointing for simulation and planning: Keplerian motion with the secular drift by J2, camera turns."""
+"""Orbits and pointing: Keplerian motion with the drift by J2, camera turns, velocities held against positions."""
 
 from __future__ import annotations
 
@@ -9,8 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import so3
+from .earth import OMEGA_EARTH
 
 Array = NDArray[np.float64]
+Epochs = NDArray[np.int64]
 
 GM_EARTH = 3.986004418e14
 """m^3/s^2 (IERS Conventions 2010)."""
@@ -18,6 +20,15 @@ J2_EARTH = 1.0826359e-3
 """Dynamical form factor (IERS Conventions 2010)."""
 EARTH_RADIUS = 6378136.6
 """Equatorial radius that goes with GM and J2 (IERS Conventions 2010), m."""
+VELOCITY_NOISE = 2.0
+"""Median contradiction, m/s, that the noise of velocities may cause."""
+POSITION_NOISE_M = 40.0
+"""The same of positions; divided by the time between two of them."""
+_OF_BEND = 0.1
+"""Part of the bend of the path between two samples that what is left out of the force model may be."""
+MOST_COMPARED = 500
+"""Samples of a long orbit whose velocities are compared with the positions."""
+_MINUTE_NS = 60 * 10**9
 
 
 class Orbit(Protocol):
@@ -133,3 +144,65 @@ def pointing(r_R: Array, v_R: Array, target_R: Array, yaw: ArrayLike = 0.0) -> A
     x = x / np.linalg.norm(x, axis=-1, keepdims=True)
     C_RK = np.stack([x, np.cross(z, x), z], axis=-1)
     return np.asarray(C_RK @ so3.exp(np.asarray(yaw, dtype=np.float64)[..., None] * np.eye(3)[2]))
+
+
+def velocity_fault(t_ns: Epochs, r: Array, v: Array, last: Epochs, *, turning: bool = True) -> str | None:
+    """What contradicts the velocities ``v`` (n, 3) m/s of positions ``r`` (n, 3) m at ``t_ns`` (n,), or None.
+
+    ``last`` (n,) is the last sample of the burst of each; ``turning``: the frame turns with the Earth.  Velocities in
+    other units, or inertial ones, contradict the motion of the positions.  Between samples h apart, whatever their
+    step, the corrected trapezium holds::
+
+        (v_0 + v_1) / 2 = (r_1 - r_0) / h + h (a_1 - a_0) / 12 + O(h^4 r^(5) / 720)
+
+    with the accelerations of gravity and of the turning Earth: 0.1 m/s at 300 s in a low orbit.  A sample is compared
+    with the last one of its burst at most a minute later, or else with the next, so that noise of the positions counts
+    little.
+    """
+    first, second = _compared(t_ns, last)
+    if first.size == 0:
+        return None
+    h = (t_ns[second] - t_ns[first])[:, None] * 1e-9
+    a = _acceleration(r, v, OMEGA_EARTH if turning else 0.0)
+    bend = h * (a[second] - a[first]) / 12.0
+    moved = (r[second] - r[first]) / h + bend
+    stated = 0.5 * (v[first] + v[second])
+    offset = _median_length(stated - moved)
+    noise = VELOCITY_NOISE + POSITION_NOISE_M / float(np.median(h))
+    if offset <= noise + _OF_BEND * _median_length(bend):
+        return None
+    return (
+        f"the velocities differ from the motion of the positions by {offset:.0f} m/s"
+        f"{_likely(moved, stated, 0.5 * (r[first] + r[second]), turning)}; "
+        "wanted m/s in the frame of the positions (for ITRF relative to the turning Earth)"
+    )
+
+
+def _compared(t_ns: Epochs, last: Epochs) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Pairs of samples (p,) of one burst, a minute or one step apart; of a long series some evenly spread."""
+    first = np.flatnonzero(last > np.arange(t_ns.size))
+    first = first[:: max(first.size // MOST_COMPARED, 1)]
+    within = np.searchsorted(t_ns, t_ns[first] + _MINUTE_NS, side="right") - 1
+    return first, np.clip(within, first + 1, last[first])
+
+
+def _acceleration(r: Array, v: Array, rate: float) -> Array:
+    """Acceleration (..., 3) m/s^2 in axes turning about z: ``-mu r / |r|^3 - 2 w x v - w x (w x r)``."""
+    w = np.array([0.0, 0.0, rate])
+    gravity = -GM_EARTH * r / np.linalg.norm(r, axis=-1, keepdims=True) ** 3
+    return np.asarray(gravity - np.cross(w, 2.0 * v + np.cross(w, r)))
+
+
+def _median_length(vectors: Array) -> float:
+    return float(np.median(np.linalg.norm(vectors, axis=-1)))
+
+
+def _likely(moved: Array, stated: Array, r: Array, turning: bool) -> str:
+    """What the velocities seem to be instead at the places ``r`` between, where one assumption explains them."""
+    spin = np.cross([0.0, 0.0, OMEGA_EARTH], r)
+    if turning and _median_length(stated - spin - moved) < 0.2 * _median_length(stated - moved):
+        return " (they look like inertial velocities, turned into the axes of the Earth)"
+    times = _median_length(stated) / _median_length(moved)
+    if _median_length(stated - times * moved) < 0.2 * _median_length(stated - moved):
+        return f" (they are {float(f'{times:.2g}'):g} times that motion: another unit?)"
+    return ""

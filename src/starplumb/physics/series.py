@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from . import so3
 from .earth import OMEGA_EARTH
 from .errors import EpochError, InputError
-from .orbit import GM_EARTH
+from .orbit import velocity_fault
 from .timescales import format_iso
 
 Array = NDArray[np.float64]
@@ -22,13 +22,6 @@ COINCIDENCE_NS = 1_000
 """An epoch within this of a sample (one microsecond) is the sample's and needs no neighbour."""
 GAP_FACTOR = 3.5
 """Samples farther apart than this many median spacings belong to different bursts, unless a gap is stated."""
-
-
-VELOCITY_TOLERANCE = 30.0
-"""Median contradiction between velocities and positions, m/s, that noise may cause; in 60 s it moves a place between
-two samples by metres."""
-MOST_COMPARED = 500
-"""Samples of a long orbit whose velocities are compared with the positions."""
 
 
 class Orientation(Protocol):
@@ -129,17 +122,6 @@ def seconds(interval_ns: Epochs) -> Array:
     return np.asarray(interval_ns * 1e-9, dtype=np.float64)
 
 
-def _acceleration(r_J: Array, v_J: Array) -> Array:
-    """Acceleration (..., 3) m/s^2 along the axes of the turning Earth: ``-mu r / |r|^3 - 2 w x v - w x (w x r)``."""
-    w = np.array([0.0, 0.0, OMEGA_EARTH])
-    gravity = -GM_EARTH * r_J / np.linalg.norm(r_J, axis=-1, keepdims=True) ** 3
-    return np.asarray(gravity - np.cross(w, 2.0 * v_J + np.cross(w, r_J)))
-
-
-def _median_length(vectors: Array) -> float:
-    return float(np.median(np.linalg.norm(vectors, axis=-1)))
-
-
 def lagrange(x: Array, nodes: Array) -> tuple[Array, Array, Array]:
     """Lagrange basis L_j(x), its derivative L_j'(x), and L_j'(x_j).  x (q,), nodes (q, k) -> (q, k) each."""
     k = nodes.shape[-1]
@@ -189,59 +171,14 @@ class Ephemeris:
     """Samples at which a new arc begins; nothing is interpolated across its beginning."""
 
     def __post_init__(self) -> None:
-        self._check_velocities()
+        if self.v_J is None:
+            return
+        if (fault := velocity_fault(self.t_ns, self.r_J, self.v_J, self.bursts.bounds[1])) is not None:
+            raise InputError(fault)
 
     @cached_property
     def bursts(self) -> Bursts:
         return Bursts(self.t_ns, self.gap_s, self.starts)
-
-    def _check_velocities(self) -> None:
-        """Velocities in other units, or inertial ones, contradict the motion of the positions.
-
-        Between samples h apart, whatever their step, the corrected trapezium holds::
-
-            (v_0 + v_1) / 2 = (r_1 - r_0) / h + h (a_1 - a_0) / 12 + O(h^4 r^(5) / 720)
-
-        with the accelerations of gravity and of the turning Earth: 0.1 m/s at 300 s in a low orbit.  A sample is
-        compared with the last one of its burst at most a minute later, or else with the next, so that noise of the
-        positions counts little.
-        """
-        if self.v_J is None:
-            return
-        first, second = self._compared()
-        if first.size == 0:
-            return
-        h = (self.t_ns[second] - self.t_ns[first])[:, None] * 1e-9
-        a = _acceleration(self.r_J, self.v_J)
-        bend = h * (a[second] - a[first]) / 12.0
-        moved = (self.r_J[second] - self.r_J[first]) / h + bend
-        stated = 0.5 * (self.v_J[first] + self.v_J[second])
-        offset = _median_length(stated - moved)
-        if offset <= VELOCITY_TOLERANCE + 0.1 * _median_length(bend):
-            return
-        raise InputError(
-            f"the velocities differ from the motion of the positions by {offset:.0f} m/s"
-            f"{self._likely(moved, stated, first)}; "
-            "wanted m/s in the frame of the positions (for ITRF relative to the turning Earth)"
-        )
-
-    def _compared(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Pairs of samples (p,) of one burst, a minute or one step apart; of a long series some evenly spread."""
-        last = self.bursts.bounds[1]
-        first = np.flatnonzero(last > np.arange(self.t_ns.size))
-        first = first[:: max(first.size // MOST_COMPARED, 1)]
-        within = np.searchsorted(self.t_ns, self.t_ns[first] + 60 * 10**9, side="right") - 1
-        return first, np.clip(within, first + 1, last[first])
-
-    def _likely(self, moved: Array, stated: Array, first: NDArray[np.int64]) -> str:
-        """What the velocities seem to be instead, where one assumption explains them."""
-        turning = np.cross([0.0, 0.0, OMEGA_EARTH], self.r_J[first])
-        if _median_length(stated - turning - moved) < 0.2 * _median_length(stated - moved):
-            return " (they look like inertial velocities, turned into the axes of the Earth)"
-        times = _median_length(stated) / _median_length(moved)
-        if _median_length(stated - times * moved) < 0.2 * _median_length(stated - moved):
-            return f" (they are {float(f'{times:.2g}'):g} times that motion: another unit?)"
-        return ""
 
     def at(self, t_ns: ArrayLike, velocity: bool = True) -> tuple[Array, Array]:
         """Position r_J and velocity v_J at epochs of any shape (...) -> (..., 3) each.

@@ -8,11 +8,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
+import numpy as np
+
 from ...physics.errors import InputError
+from ...physics.orbit import velocity_fault
 from ..text.files import read_beginning, show, trouble
 from .series_tables import AttitudeTable, EphemerisTable
 
@@ -122,7 +125,19 @@ def _read_oem(path: Path, asked: Asked) -> EphemerisTable:
 def _read_sp3(path: Path, asked: Asked) -> EphemerisTable:
     from .sp3 import read_sp3
 
-    return read_sp3(path, asked.object)
+    return _with_possible_velocities(path, read_sp3(path, asked.object, asked.frame or None))
+
+
+def _with_possible_velocities(path: Path, table: EphemerisTable) -> EphemerisTable:
+    """The table, without velocities that contradict its positions: those of DORIS are often m/s in place of dm/s."""
+    if table.v is None:
+        return table
+    last = np.full(table.t_ns.size, table.t_ns.size - 1)
+    fault = velocity_fault(table.t_ns, table.r, table.v, last, turning=table.frame == "ITRF")
+    if fault is None:
+        return table
+    said = f"{path}: the velocities are not used, because {fault.replace('the velocities', 'they', 1)}"
+    return replace(table, v=None, notices=(*table.notices, said))
 
 
 def _read_spk(path: Path, asked: Asked) -> EphemerisTable:

@@ -1,6 +1,8 @@
-"""SP3-c and SP3-d precise orbits: reader.
+"""SP3 precise orbits, versions a to d: reader.
 
-Source: S. Hilla, "The Extended Standard Product 3 Orbit Format", 2010 (SP3-c) and 2016 (SP3-d).
+Source: S. Hilla, "The Extended Standard Product 3 Orbit Format", 2010 (SP3-c) and 2016 (SP3-d); the older versions a
+and b have satellites without letters and no time system (GPS).  What the analysis centres of laser ranging and DORIS
+write otherwise is read where it has one meaning only, and said.
 """
 
 from __future__ import annotations
@@ -14,24 +16,30 @@ import numpy as np
 from ...physics import timescales
 from ...physics.errors import EpochError, InputError
 from ..text.files import read_text
+from ..text.frames import earth_frame
 from .series_tables import EphemerisTable, FloatArray
+from .sp3_lines import name_of, read_epoch, vector
 
-_SCALES = ("GPS", "UTC", "TAI")
-_FRAME = re.compile(r"(ITRF?|IGS|IGB|IG|SLR|WGS)[ _-]?\d{0,4}")
-_FIELDS = (slice(4, 18), slice(18, 32), slice(32, 46))
-_ABSENT = 999999.0
-"""Fields of 999999.999999 mean that there is no position or velocity (as three zeros do)."""
+_SCALES = {"GPS": "GPS", "UTC": "UTC", "TAI": "TAI", "GAL": "GPS", "QZS": "GPS", "IRN": "GPS"}
+"""Time systems by the scale that they keep, to nanoseconds."""
+_UNSTATED = ("", "ccc")
+_FRAME = re.compile(r"(ITRF?|IGS|IGB|IGR|IG|SLRF?|WGS|[DJEG]TRF|DPOD)[ _-]?\w{0,4}")
+_TURNING = re.compile(r"ECEF|ECF|EFG|TRF|EARTH|FIXED")
+"""Names that say no more than that the frame turns with the Earth."""
 _MANOEUVRE, _PREDICTED = slice(78, 79), slice(79, 80)
 """Flags M and P of a position record."""
 
 
 @dataclass
 class _Header:
-    """What the first lines say."""
+    """What the first lines say; the frame and its ``notices`` may rest on the campaign's word."""
 
+    frame: str
     frame_text: str
+    epochs: int
     satellites: list[str] = field(default_factory=list)
     time_scale: str = ""
+    notices: list[str] = field(default_factory=list)
 
 
 @dataclass
@@ -45,20 +53,21 @@ class _Records:
     missing: int = 0
     predicted: int = 0
     manoeuvres: int = 0
+    all_epochs: int = 0
 
 
-def read_sp3(path: str | Path, satellite: str | None = None) -> EphemerisTable:
-    """Ephemeris of one satellite ("L47", "G01" ...) in ITRF, m and m/s relative to the turning Earth.
+def read_sp3(path: str | Path, satellite: str | None = None, frame: str | None = None) -> EphemerisTable:
+    """Ephemeris of one satellite ("L47", "G01" ...), m and m/s, of ITRF relative to the turning Earth.
 
-    ``satellite`` may be left out where the file has one only. Epochs at which its position is missing are
-    left out, and all velocities are if one of them is missing, with notices. Clocks and correlations are not
-    read. Raises InputError, naming the line, for another version, time system or frame and for a file that
-    breaks off.
+    ``satellite`` may be left out where the file has one only. ``frame`` is what the campaign says of a coordinate
+    system that the file leaves undefined. Epochs at which its position is missing are left out, and all velocities
+    are if one of them is missing, with notices. Clocks and correlations are not
+    read. Raises InputError, naming the line, for another version or time system and for a file that breaks off.
     """
     lines = read_text(Path(path)).replace("\r\n", "\n").replace("\r", "\n").split("\n")
-    header = _header(path, lines)
+    header = _header(path, lines, frame)
     name = _choose(path, header.satellites, satellite)
-    records = _records(path, lines, name)
+    records = _records(path, lines, name, header)
     if not records.epochs:
         raise InputError(f"{path}: satellite {name} has no position at any epoch")
     try:
@@ -75,52 +84,64 @@ def read_sp3(path: str | Path, satellite: str | None = None) -> EphemerisTable:
         t_ns,
         r=np.array(records.positions),
         v=velocities,
-        frame="ITRF",
+        frame=header.frame,
         time_scale=header.time_scale,
         object_name=name,
         segments=((0, len(t_ns)),),
         frame_text=header.frame_text,
         object_id=name,
-        notices=(*_notices(path, name, records), *notices),
+        notices=(*header.notices, *_notices(path, name, records), *notices),
     )
 
 
-def _header(path: str | Path, lines: list[str]) -> _Header:
+def _header(path: str | Path, lines: list[str], stated: str | None) -> _Header:
     """Version, frame, satellites and time system; everything before the first epoch."""
     first = lines[0]
     if not re.match(r"#[a-z]", first):
         raise InputError(
-            f"{path}, line 1: found {first[:20]!r}, wanted an SP3 header that begins with #c or #d"
+            f"{path}, line 1: found {first[:20]!r}, wanted an SP3 header that begins with #a, #b, #c or #d"
         )
-    if first[1] not in "cd":
-        raise InputError(f"{path}, line 1: this is SP3-{first[1]}, wanted SP3-c or SP3-d")
-    frame_text = first[46:51].strip()
-    if not _FRAME.fullmatch(frame_text.upper()):
-        fault = (
-            f"the coordinate system is {frame_text!r}, wanted an Earth-fixed one (ITRF, IGS, IGb, SLR or WGS)"
-        )
-        raise InputError(f"{path}, line 1: {fault}")
-    header = _Header(frame_text)
+    if first[1] not in "abcd":
+        raise InputError(f"{path}, line 1: this is SP3-{first[1]}, wanted SP3-a, -b, -c or -d")
+    frame_text, epochs = first[46:51].strip(), first[32:39].strip()
+    frame, notices = _frame(path, frame_text, stated)
+    header = _Header(frame, frame_text, int(epochs) if epochs.isdecimal() else 0, notices=notices)
     for number, line in enumerate(lines[1:], 2):
         if line.startswith("*"):
             break
         if line.startswith("+ "):
-            names = (_name(line[column : column + 3]) for column in range(9, 60, 3))
+            names = (name_of(line[column : column + 3]) for column in range(9, 60, 3))
             header.satellites += [name for name in names if re.fullmatch(r"[A-Z]\d\d", name)]
         elif line.startswith("%c") and not header.time_scale:
-            header.time_scale = line[9:12].strip()
-            if header.time_scale not in _SCALES:
-                wanted = ", ".join(_SCALES)
-                fault = f"the time system is {header.time_scale!r}, wanted one of {wanted}"
-                raise InputError(f"{path}, line {number}: {fault}")
+            header.time_scale = _time_scale(path, number, line[9:12].strip(), first[1])
     if not header.time_scale:
         raise InputError(f"{path}: found no %c line, wanted one that names the time system")
     return header
 
 
-def _name(field: str) -> str:
-    """Identifier in its usual form: letter and two digits (the format allows G 1 for G01)."""
-    return field.replace(" ", "0")
+def _time_scale(path: str | Path, number: int, word: str, version: str) -> str:
+    """The scale of a time system; versions a and b, which name none, keep GPS time."""
+    if version in "ab" and word in _UNSTATED:
+        return "GPS"
+    if word not in _SCALES:
+        wanted = ", ".join(_SCALES)
+        raise InputError(f"{path}, line {number}: the time system is {word!r}, wanted one of {wanted}")
+    return _SCALES[word]
+
+
+def _frame(path: str | Path, word: str, stated: str | None) -> tuple[str, list[str]]:
+    """The frame by our name; the campaign's, with a notice, where the file leaves it undefined."""
+    name = word.upper()
+    if _FRAME.fullmatch(name):
+        return "ITRF", []
+    if (known := earth_frame(name)) is not None:
+        return known, []
+    found = f"{path}, line 1: the coordinate system is {word!r}"
+    if _TURNING.fullmatch(name):
+        return "ITRF", [f"{found}, which turns with the Earth: taken for ITRF"]
+    if stated is None:
+        raise InputError(f"{found}, wanted one that says a frame (ITRF, IGS, IGb, SLR, WGS, ECF)")
+    return stated, [f"{found}, which says no frame: {stated} is taken, as ephemeris.frame says"]
 
 
 def _choose(path: str | Path, names: list[str], satellite: str | None) -> str:
@@ -137,27 +158,31 @@ def _choose(path: str | Path, names: list[str], satellite: str | None) -> str:
     return satellite
 
 
-def _records(path: str | Path, lines: list[str], name: str) -> _Records:
-    """All records of one satellite, up to EOF."""
+def _records(path: str | Path, lines: list[str], name: str, header: _Header) -> _Records:
+    """All records of one satellite, up to EOF or, where the file has none, to the last epoch that it announces."""
     records = _Records()
     epoch = ""
     for number, line in enumerate(lines, 1):
         kind = line[:1]
         if kind == "*":
-            epoch = _epoch(path, number, line)
+            epoch = read_epoch(path, number, line, header.time_scale)
+            records.all_epochs += 1
         elif line.startswith("EOF"):
             return records
-        elif not epoch or _name(line[1:4]) != name:
+        elif not epoch or name_of(line[1:4]) != name:
             continue
         elif kind == "P":
             _take_position(path, number, line, epoch, records)
         elif kind == "V" and records.epochs and records.epochs[-1] == epoch:
-            records.velocities[-1] = _vector(path, number, line, power=-1)  # dm/s
+            records.velocities[-1] = vector(path, number, line, power=-1)  # dm/s
+    if 0 < header.epochs <= records.all_epochs and not lines[-1]:
+        header.notices.append(f"{path}: the closing EOF is missing behind the last epoch, which is there")
+        return records
     raise InputError(f"{path}, line {len(lines)}: the file breaks off, the closing EOF is missing")
 
 
 def _take_position(path: str | Path, number: int, line: str, epoch: str, records: _Records) -> None:
-    position = _vector(path, number, line, power=3)  # km
+    position = vector(path, number, line, power=3)  # km
     if position is None:
         records.missing += 1
         return
@@ -167,32 +192,6 @@ def _take_position(path: str | Path, number: int, line: str, epoch: str, records
     records.velocities.append(None)
     records.predicted += line[_PREDICTED] == "P"
     records.manoeuvres += line[_MANOEUVRE] == "M"
-
-
-def _epoch(path: str | Path, number: int, line: str) -> str:
-    """ISO 8601 text of an epoch line; its date is checked when it is parsed."""
-    words = line[1:].split()
-    try:
-        year, month, day, hour, minute = map(int, words[:5])
-        whole, _, decimals = words[5].partition(".")
-        second = f"{int(whole):02d}.{decimals or '0'}"
-    except (ValueError, IndexError):
-        raise InputError(
-            f"{path}, line {number}: found {line.strip()!r}, wanted * year month day hour minute second"
-        ) from None
-    return f"{year:04d}-{month:02d}-{day:02d}T{hour:02d}:{minute:02d}:{second}"
-
-
-def _vector(path: str | Path, number: int, line: str, power: int) -> list[float] | None:
-    """Three fixed-width fields times ten to ``power``, None where the file marks them as missing."""
-    try:
-        raw = [float(line[columns]) for columns in _FIELDS]
-        scaled = [float(f"{line[columns].strip()}e{power}") for columns in _FIELDS]
-    except ValueError:
-        found = line[4:46].strip()
-        raise InputError(f"{path}, line {number}: found {found!r}, wanted three numbers") from None
-    absent = not any(raw) or any(abs(value) >= _ABSENT for value in raw)
-    return None if absent else scaled
 
 
 def _velocities(path: str | Path, records: _Records) -> tuple[FloatArray | None, list[str]]:

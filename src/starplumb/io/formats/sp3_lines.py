@@ -1,0 +1,69 @@
+"""Single lines of an SP3 file: names of satellites, epochs, and three numbers in fields of fixed width."""
+
+from __future__ import annotations
+
+import re
+from datetime import datetime, timedelta
+from pathlib import Path
+
+from ...physics import timescales
+from ...physics.errors import EpochError, InputError
+
+_FIELDS = (slice(4, 18), slice(18, 32), slice(32, 46))
+_NUMBER = re.compile(r"\s*[-+]?\d+\.\d*\s*", re.ASCII)
+_SECOND = re.compile(r"\d{1,2}(\.\d*)?", re.ASCII)
+_WHOLE = re.compile(r"\d{1,4}", re.ASCII)
+_ABSENT = 999999.0
+"""Fields of 999999.999999 mean that there is no position or velocity (as three zeros do)."""
+
+
+def name_of(field: str) -> str:
+    """Identifier in its usual form: letter and two digits (G 1 is G01, and 1 without a letter too)."""
+    name = field.replace(" ", "0")
+    return f"G{name[1:]}" if name.isdecimal() and len(name) == 3 and name[0] == "0" and int(name) else name
+
+
+def read_epoch(path: str | Path, number: int, line: str, scale: str) -> str:
+    """ISO 8601 text of an epoch line; its date is checked when it is parsed.
+
+    Some centres write the full minute, hour or day as minute 60, second 60 or hour 24 of the one before.
+    """
+    words = line[1:].split()
+    if len(words) != 6 or not all(map(_WHOLE.fullmatch, words[:5])) or not _SECOND.fullmatch(words[5]):
+        raise InputError(
+            f"{path}, line {number}: found {line.strip()!r}, wanted * year month day hour minute second"
+        )
+    year, month, day, hour, minute = map(int, words[:5])
+    whole, _, decimals = words[5].partition(".")
+    if hour > 24 or minute > 60 or int(whole) > 60:
+        found = f"found {line.strip()!r}"
+        raise InputError(f"{path}, line {number}: {found}, wanted hours to 24, minutes and seconds to 60")
+    clock = f"{hour:02d}:{minute:02d}:{int(whole):02d}.{decimals or '0'}"
+    text = f"{year:04d}-{month:02d}-{day:02d}T{clock}"
+    if (hour < 24 and minute < 60 and int(whole) < 60) or (scale == "UTC" and _is_leap_second(text)):
+        return text
+    try:
+        carried = datetime(year, month, day) + timedelta(hours=hour, minutes=minute, seconds=int(whole))
+    except (ValueError, OverflowError):
+        return text
+    return f"{carried:%Y-%m-%dT%H:%M:%S}.{decimals or '0'}"
+
+
+def _is_leap_second(text: str) -> bool:
+    try:
+        timescales.parse([text], "UTC")
+    except EpochError:
+        return False
+    return True
+
+
+def vector(path: str | Path, number: int, line: str, power: int) -> list[float] | None:
+    """Three fixed-width fields times ten to ``power``, None where the file marks them as missing."""
+    fields = [line[columns] for columns in _FIELDS]
+    if not all(map(_NUMBER.fullmatch, fields)):
+        raise InputError(
+            f"{path}, line {number}: found {line[4:46].strip()!r}, wanted three numbers in fields of 14"
+        )
+    raw = [float(field) for field in fields]
+    absent = not any(raw) or any(abs(value) >= _ABSENT for value in raw)
+    return None if absent else [float(f"{field.strip()}e{power}") for field in fields]
