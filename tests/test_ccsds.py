@@ -319,6 +319,10 @@ BAD_OEM = {
         oem_kvn() + _second_segment("2001-01-01T00:00:00").replace("SAT", "CAT"),
         "OBJECT_NAME is 'CAT'",
     ),
+    "digits of another script": (
+        oem_kvn(rows=["2000-01-01T12:00:00 ٧000 0 0 0 0 0"]),
+        "line 13: found '٧000', wanted a number",
+    ),
     "two satellites of one name": (
         oem_kvn() + _second_segment("2001-01-01T00:00:00").replace("2026-001A", "2026-001B"),
         "OBJECT_ID is '2026-001B' but '2026-001A' in the first segment",

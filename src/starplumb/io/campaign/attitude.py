@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,7 +62,7 @@ def read_attitude(
     """
     scale = config.campaign.time_scale
     read = {
-        key: motion.read_attitude(files[f"{key}.file"], section, scale, notices, key)
+        key: motion.read_attitude(files[f"{key}.file"], section, scale, notices, key, _kernels(files, key))
         for key, section in config.attitudes.items()
     }
     frames = config.joined_frames
@@ -95,6 +96,15 @@ def read_attitude(
     notices += _require_whole_images(settings, fused, exposures)
     notices += _require_agreement(settings, fused, exposures)
     return fused, fused.covariance_E(exposures.of_image)
+
+
+def _kernels(files: Mapping[str, TableSource], section: str) -> tuple[Path, ...]:
+    """The further files that a section names, in its order."""
+    return tuple(
+        place
+        for key, place in files.items()
+        if key.startswith(f"{section}.kernels.") and isinstance(place, Path)
+    )
 
 
 def model_mounting(config: Mounting, frames: Frames | None = None) -> Array:

@@ -9,7 +9,7 @@ from pydantic import BeforeValidator, Field
 
 from ..tables.keys import TimedKeys
 from ..text.files import show
-from ..text.sections import Section
+from ..text.sections import Section, wrong
 from ..text.values import (
     GCRF,
     Covariance,
@@ -55,6 +55,13 @@ class Mounting(Rotation):
     sigma_arcsec: Prior | None = Field(default=None, description="one positive number or three")
 
 
+def _names(value: object) -> object:
+    """A list of names of files."""
+    if not isinstance(value, list) or not value or not all(isinstance(name, str) and name for name in value):
+        raise wrong(value, 'a list of names such as ["sat.tsc", "sat.tf"]')
+    return tuple(value)
+
+
 class AttitudeConfig(TimedKeys):
     """[attitude]: the quaternion takes ``from`` to ``to``; one of them is GCRF or ITRF."""
 
@@ -66,6 +73,9 @@ class AttitudeConfig(TimedKeys):
     )
     target: Annotated[str, BeforeValidator(printable), BeforeValidator(frame_name)] = Field(
         alias="to", description='the star tracker\'s name, "GCRF" or "ITRF"'
+    )
+    kernels: Annotated[tuple[str, ...], BeforeValidator(_names)] = Field(
+        default=(), description="a list of names of the SPICE kernels that a C-kernel needs (SCLK, FK)"
     )
     sigma_arcsec: Sigma | None = Field(
         default=None, description="one number or three about the star tracker's axes"

@@ -68,6 +68,8 @@ def _named(config: CampaignConfig) -> dict[str, str]:
         "earth.orientation_file": config.earth and config.earth.orientation_file,
     }
     attitudes = {f"{key}.file": section.file for key, section in config.attitudes.items()}
+    for key, section in config.attitudes.items():
+        attitudes |= {f"{key}.kernels.{i}": name for i, name in enumerate(section.kernels)}
     return named | attitudes | {key: name for key, name in optional.items() if name}
 
 

@@ -84,16 +84,31 @@ def read_ephemeris(
 
 
 def read_attitude(
-    source: TableSource, config: AttitudeConfig, scale: str, notices: list[str], key: str = "attitude"
+    source: TableSource,
+    config: AttitudeConfig,
+    scale: str,
+    notices: list[str],
+    key: str = "attitude",
+    kernels: tuple[Path, ...] = (),
 ) -> AttitudeSamples:
     """The attitude as C_EF of the section ``key``, E the star tracker's frame and F the Earth's or the inertial one."""
     form = None if isinstance(source, Frame) else recognised(source, ATTITUDES)
     if form is None or isinstance(source, Frame):
+        _require_kernels_used(source, kernels, key, "table")
         return _attitude_table(source, config, scale, notices, key)
+    if form.name != "SPICE CK":
+        _require_kernels_used(source, kernels, key, form.name)
     _require_no_table_keys(form.name, source, config, key)
-    table = form.read(source, Asked())
+    table = form.read(source, Asked(frame=config.tracker, kernels=kernels))
     notices += table.notices
     return _standard_attitude(source, config, table, notices, key)
+
+
+def _require_kernels_used(source: TableSource, kernels: tuple[Path, ...], key: str, kind: str) -> None:
+    if kernels:
+        raise InputError(
+            f"{source}: found a {kind} beside {key}.kernels, wanted them beside a SPICE C-kernel only"
+        )
 
 
 def earth_fixed(

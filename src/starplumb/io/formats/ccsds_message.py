@@ -164,7 +164,10 @@ def numbers(message: Message, segment: Segment, columns: slice, power: int = 0) 
     suffix = f"e{power}"
     flat = list(chain.from_iterable(rows))
     try:
-        if "_" in "".join(flat):  # float() takes 1_000 for a thousand
+        joined = "".join(flat)
+        if (
+            "_" in joined or not joined.isascii()
+        ):  # float() takes 1_000 for a thousand, and digits of any script
             raise ValueError
         values = np.array([float(text + suffix) for text in flat])
     except ValueError:  # an exponent of its own, or no number
@@ -185,7 +188,7 @@ def numbers(message: Message, segment: Segment, columns: slice, power: int = 0) 
 
 def _number(message: Message, line: int, text: str, power: int) -> float:
     try:
-        if "_" in text:
+        if "_" in text or not text.isascii():
             raise InvalidOperation
         return float(Decimal(text).scaleb(power))
     except InvalidOperation:

@@ -25,12 +25,14 @@ Series = TypeVar("Series", EphemerisTable, AttitudeTable)
 @dataclass(frozen=True)
 class Asked:
     """What a campaign asks of a file, each for the formats that can tell: the satellite's name or number, the epochs
-    between which its images lie, and the frame that the campaign states."""
+    between which its images lie, the frame that the campaign states (of an attitude the tracker's), and further files
+    that the format needs."""
 
     object: str | None = None
     start_ns: int | None = None
     stop_ns: int | None = None
     frame: str = ""
+    kernels: tuple[Path, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -156,6 +158,12 @@ def _read_aem(path: Path, asked: Asked) -> AttitudeTable:
     return read_aem(path)
 
 
+def _read_ck(path: Path, asked: Asked) -> AttitudeTable:
+    from .ck import read_ck
+
+    return read_ck(path, asked.kernels, asked.frame)
+
+
 def _stk(block: str) -> Callable[[str], bool]:
     """A file of STK's with this block; its version in the first line, comments before it passed over."""
     return _starts_with(rf"\s*(#[^\n]*\n\s*)*stk\.v\.[\d.]+\s(?s:.*?)\bBEGIN\s+{block}\b")
@@ -181,5 +189,6 @@ ORBITS: tuple[Format[EphemerisTable], ...] = (
 )
 ATTITUDES: tuple[Format[AttitudeTable], ...] = (
     Format("CCSDS AEM", _ccsds("AEM"), _read_aem, (".aem", ".xml")),
+    Format("SPICE CK", _starts_with("DAF/CK"), _read_ck, (".bc",)),
     Format("STK attitude", _stk("Attitude"), _read_stk_attitude, (".a",)),
 )

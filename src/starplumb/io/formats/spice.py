@@ -53,11 +53,17 @@ def _span(first_tdb: float, last_tdb: float) -> _Span:
 
 
 def _tt_of_tdb(seconds: float) -> float:
-    """Inverse of the correction in :func:`tdb_seconds`, by an iteration that gains ten digits a step."""
+    """Seconds of TT since J2000 at a time in TDB."""
+    return float((t_ns_of_tdb(np.array([seconds]))[0] + _TT_MINUS_TAI_NS) * 1e-9)
+
+
+def t_ns_of_tdb(seconds: FloatArray) -> EpochArray:
+    """Epochs (n,) of SPICE's ephemeris times: inverse of :func:`tdb_seconds`, by an iteration that gains ten digits a
+    step."""
     tt = seconds
     for _ in range(2):
-        tt += seconds - float(tdb_seconds(round(tt * 1e9) - _TT_MINUS_TAI_NS))
-    return tt
+        tt = tt + (seconds - tdb_seconds(np.rint(tt * 1e9).astype(np.int64) - _TT_MINUS_TAI_NS))
+    return np.rint(tt * 1e9).astype(np.int64) - _TT_MINUS_TAI_NS
 
 
 def read_spk(
@@ -77,9 +83,9 @@ def read_spk(
     """
     if not step_s > 0:
         raise InputError(f"{path}: the sampling step is {step_s} s, wanted more than 0")
-    spice = _spiceypy()
+    spice = spiceypy_module()
     _check_kind(path)
-    with unpacked_file(Path(path)) as kernel, _loaded(spice, path, kernel):
+    with unpacked_file(Path(path)) as kernel, loaded(spice, path, kernel):
         body = _target(path, sorted(spice.spkobj(str(kernel))), target)
         spans = _spans(path, spice.spkcov(str(kernel), body), start_ns, stop_ns)
         epochs = [_samples(span, step_s) for span in spans]
@@ -99,7 +105,8 @@ def read_spk(
     )
 
 
-def _spiceypy() -> ModuleType:
+def spiceypy_module() -> ModuleType:
+    """spiceypy; InputError where it is not installed."""
     try:
         import spiceypy
     except ImportError:
@@ -109,7 +116,7 @@ def _spiceypy() -> ModuleType:
 
 
 @contextmanager
-def _loaded(spice: ModuleType, path: str | Path, kernel: Path) -> Iterator[None]:
+def loaded(spice: ModuleType, path: str | Path, kernel: Path) -> Iterator[None]:
     """Load the kernel of the user's file ``path``, and unload it afterwards; errors of SPICE become InputError."""
     try:
         spice.furnsh(str(kernel))
