@@ -174,11 +174,12 @@ def test_a_prior_that_the_data_contradict_is_named(rng, sigmas_off, contradicts)
 
 def test_without_velocities_the_aberration_is_not_judged(rng):
     """One image whose velocity is not known is enough: its direction cannot be corrected."""
-    light = Corrections(light_time=True, aberration=False)
-    o = measured(rng, images=4, markers=6, yaw_deg=180.0, corrections=light)
-    v = o.v_J.copy()
-    v[o.image == 2] = 0.0
-    assert not any("aberration" in f.sentence for f in say(replace(o, v_J=v)))
+    o = measured(rng, images=20, markers=8, tilt_deg=20.0, yaw_deg=180.0)
+    wrong = o.with_geometry(corrections=Corrections(light_time=True, aberration=False))
+    v = wrong.v_J.copy()
+    v[wrong.image == 2] = 0.0
+    assert any("aberration" in f.sentence for f in say(wrong))
+    assert not any("aberration" in f.sentence for f in say(replace(wrong, v_J=v)))
 
 
 def test_the_largest_and_smallest_mistakes_of_a_mounting_change_no_verdict(rng):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from starplumb.judge import calibrate as judge
 from starplumb.judge.consistency import findings
 from starplumb.judge.contradictions import (
     Support,
+    culprit,
     rejected_images,
     rejected_sightings,
     rival,
@@ -27,6 +29,7 @@ from starplumb.judge.snooping import fit_at
 from starplumb.judge.trust import Finding, interval_95, judged, probability, said
 from starplumb.physics import so3
 from starplumb.physics.units import ARCSEC
+from starplumb.solve import reliability
 from starplumb.table.geometry import observe
 from starplumb.table.simulate import Errors, measure
 
@@ -230,6 +233,58 @@ def test_good_campaigns_are_left_ok(monkeypatch, rng):
     ]
     assert status.count(Status.OK) >= 57
     assert Status.REFUTED not in status
+
+
+def of_each(campaign, sighting, image, landmark):
+    """Statistics of a campaign whose second sighting, image and landmark alone stand out, by so much."""
+    n = campaign.sightings.image.size
+    counts = (n, len(campaign.images.ids), len(campaign.landmarks.ids))
+    T = [
+        np.where(np.arange(k) == 1, value, 1.0)
+        for k, value in zip(counts, (sighting, image, landmark), strict=True)
+    ]
+    dof = [np.full(k, d) for k, d in zip(counts, (2, 40, 6), strict=True)]
+    return reliability.Tested(*zip(T, dof, strict=True), repeated=np.arange(counts[2]))
+
+
+@pytest.mark.parametrize(
+    ("over", "named"),
+    [
+        ((1.2, 1.1, 1.0), "the sighting of landmark"),
+        ((1.1, 1.2, 1.0), "image"),
+        ((1.1, 1.0, 1.2), "landmark"),
+    ],
+    ids=["sighting", "image", "landmark"],
+)
+def test_the_culprit_is_largest_over_its_own_critical_value(over, named):
+    """Chi-square's quantiles at 1e-4 for 2, 40 and 6 degrees of freedom: 18.4, 82.1 and 27.9 (of any textbook)."""
+    s = support(images=2)
+    T = np.array(over) * stats.chi2.isf(1e-4, [2, 40, 6])
+    words = culprit(s.campaign, s.observations, of_each(s.campaign, *T), s.used)
+    assert words.startswith(named)
+    which = {"image": 1, "landmark": 2}.get(named, 0)
+    assert words.endswith(f"fits worst, at {np.sqrt(T[which]):.3g} sigma")
+
+
+def test_a_sighting_left_out_is_no_culprit():
+    s = support(images=2)
+    used = np.arange(s.used.size) != 1
+    tested = of_each(s.campaign, 1e4, 200.0, 1.0)
+    assert culprit(s.campaign, s.observations, tested, used).startswith("image")
+
+
+@pytest.mark.parametrize(
+    ("found", "weight"), [([], 0), ([GOOD], 0), ([GOOD, WEAKER], 1), ([REFUTING, GOOD], 2)], ids=str
+)
+def test_a_culprit_weighs_as_much_as_what_else_is_found(monkeypatch, found, weight):
+    s = support(images=2)
+    monkeypatch.setattr(judge, "findings", lambda *_: found)
+    monkeypatch.setattr(judge, "culprit", lambda *_: "worst")
+    snooping = SimpleNamespace(tested=None)
+    for p, told in ((0.0099, True), (0.0101, False)):
+        monkeypatch.setattr(judge, "_chi2_p", lambda _, p=p: p)
+        weights = [f.weight for f in judge._consistent(s, None, None, snooping) if f.sentence == "worst"]
+        assert weights == ([weight] if told else [])
 
 
 def test_a_probability_below_the_smallest_number_is_not_zero():

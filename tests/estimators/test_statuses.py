@@ -18,7 +18,7 @@ from starplumb.estimators.published.image_plane import ImagePlane
 from starplumb.estimators.published.projective import Projective
 from starplumb.estimators.robust import Robust
 from starplumb.estimators.sequential import Sequential
-from starplumb.estimators.usable import determined, status_of
+from starplumb.estimators.usable import determined, fits, status_of
 from starplumb.physics import so3
 from starplumb.physics.units import ARCSEC, DEG
 from starplumb.table.geometry import observe
@@ -106,6 +106,16 @@ def test_the_rule_by_hand(rng):
     for chi2, status in ((3.0, Status.OK), (np.nan, Status.NOT_CONVERGED), (np.inf, Status.NOT_CONVERGED)):
         assert status_of(o, C_EK_TRUE, determined=np.array(True), chi2=np.array(chi2)) == status
     assert status_of(o, behind, determined=np.array(False), converged=False) == Status.SINGULAR
+
+
+@pytest.mark.parametrize("unknown", [np.nan, np.inf])
+def test_a_covariance_that_is_no_number_excuses_nothing(unknown, rng):
+    """Three degrees off is no answer, whatever a covariance leaves open; 30 degrees stated would allow it."""
+    o = good(rng)
+    off = so3.exp(np.array([0.0, 0.05, 0.0])) @ C_EK_TRUE
+    assert not fits(o, off, np.full((3, 3), unknown))
+    assert not fits(o, off, np.diag([1e-12, 1e-12, 1e-12]))
+    assert fits(o, off, np.diag([0.25, 0.25, 0.25]))
 
 
 def test_a_marker_that_was_not_seen_may_lie_anywhere(rng):
