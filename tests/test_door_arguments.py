@@ -40,6 +40,10 @@ class Made:
         return sp.diagnose(self.campaign)
 
     @cached_property
+    def projection(self) -> sp.Projection:
+        return sp.project(self.campaign)
+
+    @cached_property
     def study(self) -> sp.Study:
         return sp.simulate(self.scenario, **QUICK)
 

@@ -188,7 +188,7 @@ def test_a_search_that_does_not_settle_is_refused(monkeypatch):
         steps.append(pixel)
         return np.full_like(pixel, (-1.0) ** len(steps))
 
-    monkeypatch.setattr(geometry, "_scan_step", restless)
+    monkeypatch.setattr(geometry, "scan_step", restless)
     p_J = locate(campaign, C_EK_TRUE, zero, [3000.0], [0.0], 0.0)
     with pytest.raises(InputError, match="the search for the row of a point did not converge"):
         project(campaign, C_EK_TRUE, zero, p_J, [[3000.0, 0.0]])

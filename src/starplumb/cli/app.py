@@ -15,6 +15,7 @@ from .files.import_ import import_
 from .files.init import init
 from .files.points import points
 from .locate import locate
+from .project import project
 from .reproduce import reproduce
 from .simulate import simulate
 
@@ -42,5 +43,10 @@ def _options(
     pass
 
 
-for command in (init, import_, calibrate, compare, diagnose, locate, points, simulate, budget, reproduce):
-    app.command(command.__name__.rstrip("_"))(command)
+for command in (
+    *(init, import_, calibrate, compare, diagnose, locate, project, points),
+    *(simulate, budget, reproduce),
+):
+    # a negative number is no option
+    numbers = {"ignore_unknown_options": True} if command is project else None
+    app.command(command.__name__.rstrip("_"), context_settings=numbers)(command)

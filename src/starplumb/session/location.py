@@ -156,12 +156,17 @@ def view_of(
         raise ArgumentError("height_m", f"found {height_m}, wanted a finite number")
     if height_m is not None and dem is not None:
         raise ArgumentError("height_m", "found beside a DEM, wanted only one of the two")
+    below = None if dem is None else dem_surface(Path(dem), heights, None if geoid is None else Path(geoid))
+    return View(campaign, image_of(campaign, image), mounting_of(campaign, result), below, height_m or 0.0)
+
+
+def image_of(campaign: Campaign, image: str) -> int:
+    """The place of an image among those of the campaign; InputError for one that it does not have."""
     ids, image = campaign.images, composed(image)
     if image not in ids:
         some = f"{', '.join(ids[:8])}{' ...' if len(ids) > 8 else ''}"
         raise ArgumentError("image", f"found {image!r}, wanted one of {some}{meant(image, ids)}")
-    below = None if dem is None else dem_surface(Path(dem), heights, None if geoid is None else Path(geoid))
-    return View(campaign, ids.index(image), mounting_of(campaign, result), below, height_m or 0.0)
+    return ids.index(image)
 
 
 def place(view: View, pixel: tuple[float, float], sigma_px: float, sigma_height_m: float) -> Place:

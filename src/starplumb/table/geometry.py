@@ -76,7 +76,7 @@ def position_axes(campaign: Campaign) -> Array:
     return np.asarray(C_JI @ C_IF(campaign.position_frame, campaign.images.t_ns))
 
 
-def _directions(campaign: Campaign, station: Stations, p_J: Array) -> dict[str, Any]:
+def apparent(campaign: Campaign, station: Stations, p_J: Array) -> dict[str, Any]:
     """Fields of :func:`sight` of markers p_J (n, 3) from the stations (n,) with the campaign's light effects."""
     s = station
     return sight(p_J, s.r_J, s.v_J, s.C_EJ, s.omega_E, s.line_period_s, campaign.corrections)
@@ -91,7 +91,7 @@ def observe(campaign: Campaign) -> Observations:
     station = stations(campaign, s.image, s.row_px)
     xy_K, slope_K = campaign.camera.tan_from_px(s.column_px, s.row_px)
     p_J = campaign.landmarks.r_J[s.landmark]
-    directions = _directions(campaign, station, p_J)
+    directions = apparent(campaign, station, p_J)
     return Observations(
         image=s.image,
         landmark=s.landmark,
@@ -161,27 +161,27 @@ def project(
     by Newton's method from ``start_px`` (n, 2), by default the middle of what the attitude covers.
     Raises EpochError when the search leaves the orbit or attitude.
     """
-    pixel = _middle(campaign, image) if start_px is None else np.array(start_px, dtype=np.float64)
+    pixel = middle_px(campaign, image) if start_px is None else np.array(start_px, dtype=np.float64)
     for _ in range(1 if not campaign.camera.scans else 20):
         station = stations(campaign, image, pixel[:, 1])
-        directions = _directions(campaign, station, p_J)
+        directions = apparent(campaign, station, p_J)
         if not campaign.camera.scans:
             return campaign.camera.px_from_tan(predict(C_EK, directions["e_E"]))
-        step = _scan_step(campaign, C_EK, pixel, directions)
+        step = scan_step(campaign, C_EK, pixel, directions)
         pixel = pixel + step
         if np.all(np.abs(step) < ROW_TOLERANCE_PX):
             return pixel
     raise InputError("the search for the row of a point did not converge; the point is not in the image")
 
 
-def _middle(campaign: Campaign, image: Index) -> Array:
+def middle_px(campaign: Campaign, image: Index) -> Array:
     """A pixel of each image to start from: its centre, or row 0 where the number of rows is not known."""
     columns, rows = campaign.camera.size_px
     middle = np.array([(columns - 1.0) / 2.0, (rows - 1.0) / 2.0 if np.isfinite(rows) else 0.0])
     return np.array(np.broadcast_to(middle, (image.size, 2)))
 
 
-def _scan_step(campaign: Campaign, C_EK: Array, pixel: Array, directions: dict[str, Array]) -> Array:
+def scan_step(campaign: Campaign, C_EK: Array, pixel: Array, directions: dict[str, Array]) -> Array:
     """Newton step (n, 2) of the pixel at which a point crosses the line of detectors."""
     xy_K, slope = campaign.camera.tan_from_px(pixel[:, 0], pixel[:, 1])
     return pixel_residual(C_EK, directions["e_E"], xy_K, slope, directions["row_rate_E"])

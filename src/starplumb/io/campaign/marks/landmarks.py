@@ -46,10 +46,10 @@ def read_landmarks(
             declared=declared,
         )
     notices += table.notices
-    return landmarks_from(table if ground is None else _raised(table, ground))
+    return landmarks_from(table if ground is None else raised(table, ground))
 
 
-def _raised(table: Table, ground: Ground) -> Table:
+def raised(table: Table, ground: Ground) -> Table:
     """The table with heights above the ellipsoid, taken from a DEM or raised by the geoid where that is said."""
     if ground.dem is None and ground.heights != "geoid":
         return table
@@ -68,12 +68,24 @@ def _raised(table: Table, ground: Ground) -> Table:
 
 
 def landmarks_from(table: Table) -> Landmarks:
-    """Landmarks from their columns: place geodetic or Cartesian, sigma one number or three (east, north, up).
-
-    The covariance in J is ``C_JT diag(sigma^2) C_TJ``. Raises InputError for a place that is not on the
-    Earth's surface, a sigma below 0 (0 claims an exact landmark) or a landmark that is there twice.
-    """
+    """Landmarks from their columns, as :func:`surveyed`; InputError for a landmark that is there twice."""
     table.require_distinct("landmark_id", "each landmark once")
+    r_J, covariance_J = surveyed(table)
+    sources = table.texts.get("source")
+    return Landmarks(
+        tuple(table.texts["landmark_id"]),
+        r_J,
+        covariance_J,
+        sources=None if sources is None else tuple(sources),
+    )
+
+
+def surveyed(table: Table) -> tuple[Array, Array]:
+    """Places ``r_J`` (n, 3), given geodetic or Cartesian, and their covariance (n, 3, 3) from a sigma or three (east,
+    north, up): ``C_JT diag(sigma^2) C_TJ``.
+
+    Raises InputError for a place that is not on the Earth's surface, and a sigma below 0 (0 claims an exact place).
+    """
     if _one_of(table, GEODETIC, CARTESIAN) == GEODETIC:
         for name, (low, high) in LIMITS.items():
             x = table.numbers[name]
@@ -90,13 +102,7 @@ def landmarks_from(table: Table) -> Landmarks:
             table.numbers[name] >= 0.0, name, "a sigma in metres, 0 or more (0 claims an exact landmark)"
         )
     sigma = np.broadcast_to(table.columns(*columns), (len(table), 3))
-    sources = table.texts.get("source")
-    return Landmarks(
-        tuple(table.texts["landmark_id"]),
-        r_J,
-        _turned(sigma, latitude, longitude),
-        sources=None if sources is None else tuple(sources),
-    )
+    return r_J, _turned(sigma, latitude, longitude)
 
 
 def _turned(sigma: Array, latitude: Array, longitude: Array) -> Array:

@@ -1,0 +1,158 @@
+"""``starplumb project``: from the ground to pixels."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Annotated, Any
+
+import typer
+
+from .options.ground import Dem, Geoid, HeightsOption
+from .options.outside import Choice, OutsideOption
+from .output import Json, Output, Quiet, Verbose
+
+STANDARD_INPUT = "-"
+
+
+def project(
+    campaign: Annotated[Path, typer.Argument(help="The campaign.toml.", metavar="CAMPAIGN.toml")],
+    where: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="[LAT LON [HEIGHT] | POINTS | -]",
+            help="Latitude, longitude (deg) and height above the ellipsoid (m); or a table of places with the columns "
+            "of landmarks; or - for such a CSV table on standard input [default: the campaign's landmarks].",
+        ),
+    ] = None,
+    image: Annotated[
+        str | None, typer.Option("--image", "-i", help="One image only [default: all that see a place].")
+    ] = None,
+    itrf: Annotated[bool, typer.Option("--itrf", help="The three numbers are x, y, z in ITRF, m.")] = False,
+    result: Annotated[
+        Path | None,
+        typer.Option(
+            "--result",
+            "-r",
+            help="result.json to take the mounting from, or `model` [default: result/result.json beside the campaign, "
+            "else the model].",
+        ),
+    ] = None,
+    height_m: Annotated[
+        float | None,
+        typer.Option("--height-m", help="Height above the ellipsoid of places that have none of their own."),
+    ] = None,
+    dem: Dem = None,
+    heights: HeightsOption = None,
+    geoid: Geoid = None,
+    sigma_m: Annotated[
+        float, typer.Option("--sigma-m", min=0.0, help="Sigma of places, east and north, that state none.")
+    ] = 0.0,
+    sigma_height_m: Annotated[
+        float, typer.Option("--sigma-height-m", min=0.0, help="Sigma of the heights of such places.")
+    ] = 0.0,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", help="Folder that receives pixels.csv, in place of standard output."),
+    ] = None,
+    outside: OutsideOption = Choice.REFUSE,
+    json: Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> None:
+    """The pixels at which places on the ground appear, with their sigmas: the inverse of locate.
+
+    A place that does not appear in an image is left out and counted. The mounting is that of the last calibration where
+    its inputs are still the same. A table gives a CSV table with the columns image_id, landmark_id, column_px, row_px
+    and the sigmas.
+
+    Examples:
+
+      \b
+      starplumb project demo/campaign.toml 45.1 -12.3 180
+
+      \b
+      starplumb project demo/campaign.toml demo/landmarks.csv --image image01
+
+      \b
+      starplumb project campaign.toml - < sites.csv > pixels.csv
+    """
+    from ..physics.errors import InputError
+    from ..session.campaign import read_campaign
+    from ..session.projection import PIXELS
+    from ..session.projection import project as run
+
+    speak = Output(json, quiet, verbose)
+    found = read_campaign(campaign, outside.value)
+    with _places(where or [], itrf) as places:
+        done = run(
+            found,
+            result,
+            **({"height_m": height_m} | places),
+            image=image,
+            dem=dem,
+            heights=None if heights is None else heights.value,
+            geoid=geoid,
+            sigma_m=sigma_m,
+            sigma_height_m=sigma_height_m,
+        )
+    single = "points" not in places and bool(places)
+    if single and not done.document["points"]:
+        raise InputError(f"{campaign}: found the place in no image asked for ({'; '.join(done.told)})")
+    speak.notices([*found.notices, *done.notices])
+    if out is not None:
+        done.save(out)
+        speak.show(f"written: {out / PIXELS}: {len(done.answer)} rows")
+    elif single:
+        speak.show(*done.answer)
+    elif not json and not quiet:
+        typer.echo(done.csv, nl=False)
+    speak.notices([f"mounting: {done.document['mounting']}", *done.told])
+    speak.document(done.document)
+
+
+@contextmanager
+def _places(where: list[str], itrf: bool) -> Iterator[dict[str, Any]]:
+    """The argument of the places asked for; standard input lies in a file meanwhile, which messages do not name."""
+    from ..physics.errors import InputError
+
+    if option := next((text for text in where if text.startswith("--")), None):
+        raise InputError(f"{option}: found an option that project does not have, wanted one of --help")
+    if len(where) != 1:
+        yield _numbers(where, itrf)
+        return
+    if itrf:
+        raise InputError("--itrf: found beside a table, which says itself what its columns are")
+    if where[0] != STANDARD_INPUT:
+        yield {"points": Path(where[0])}
+        return
+    with TemporaryDirectory(prefix="starplumb-") as folder:
+        path = Path(folder, "input.csv")
+        path.write_bytes(sys.stdin.buffer.read())
+        try:
+            yield {"points": path}
+        except InputError as error:
+            raise InputError(str(error).replace(str(path), "standard input")) from None
+
+
+def _numbers(where: list[str], itrf: bool) -> dict[str, Any]:
+    from math import isfinite
+
+    from ..physics.errors import InputError
+
+    if not where and not itrf:
+        return {}
+    try:
+        values = [float(text) for text in where]
+    except ValueError:
+        values = []
+    least = 3 if itrf else 2
+    if not least <= len(values) <= 3 or not all(map(isfinite, values)):
+        wanted = "x, y and z (m)" if itrf else "latitude, longitude (deg) and height (m), or one table"
+        raise InputError(f"places: found {' '.join(where)!r}, wanted {wanted}")
+    if itrf:
+        return {"itrf_m": values}
+    return dict(zip(("latitude_deg", "longitude_deg", "height_m"), values, strict=False))
