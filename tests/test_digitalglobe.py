@@ -427,10 +427,11 @@ def test_choices_that_a_product_does_not_have(tmp_path: Path) -> None:
     path = _write(tmp_path, _parts())
     with pytest.raises(InputError, match='found attitude "raw", wanted "vendor"'):
         read_product(path, "raw")
+    (tmp_path / "scene.txt").write_text("hello", encoding="utf-8")
     with pytest.raises(InputError, match=r"found the ending \"\.txt\""):
         read_product(tmp_path / "scene.txt")
     (tmp_path / "other.IMD").write_text("END;", encoding="utf-8")
-    with pytest.raises(InputError, match=r"found 2 files \.IMD"):
+    with pytest.raises(InputError, match=r"found 2 files of images, \[\"other\.IMD\", \"scene\.IMD\"\]"):
         read_product(tmp_path)
     empty = tmp_path / "empty"
     empty.mkdir()

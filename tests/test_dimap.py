@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from starplumb.estimators.gls import Gls
 from starplumb.io.campaign.read import load_campaign
 from starplumb.io.vendors.dimap import read_dimap
-from starplumb.io.vendors.product import import_product
+from starplumb.io.vendors.product import import_product, read_product
 from starplumb.io.vendors.vendor import C_KV
 from starplumb.physics import so3
 from starplumb.physics.earth import geodetic_to_itrf
@@ -273,6 +273,62 @@ def test_axes_rows_and_columns_by_hand(tmp_path: Path, layout: Callable[[], str]
     assert y == pytest.approx(-0.001 * (RADIUS - x), rel=1e-9)
 
 
+@pytest.mark.parametrize(
+    ("directions", "column", "offset"),
+    [
+        ("<XLOS_0>0.01</XLOS_0><XLOS_1>-1e-05</XLOS_1><YLOS_0>0.0</YLOS_0>", 1100.0, (0.001, 0.0)),
+        ("<XLOS_0>0</XLOS_0><YLOS_0>-0.01</YLOS_0><YLOS_1>1e-05</YLOS_1>", 1100.0, (0.0, 0.001)),
+    ],
+)
+def test_detectors_may_lie_in_any_direction(
+    tmp_path: Path, directions: str, column: float, offset: tuple[float, float]
+) -> None:
+    """Against the usual count, and along the flight: east and north of the middle, tangents of the angle."""
+    usual = "<XLOS_0>-0.01</XLOS_0><XLOS_1>1e-05</XLOS_1><YLOS_0>0.0</YLOS_0>"
+    path = _written(tmp_path, delivered(), (usual, directions))
+    x, y, z = _ground(path, column, 0.0)
+    np.testing.assert_allclose([y, z], np.array(offset) * (RADIUS - x), rtol=1e-9, atol=1e-6)
+
+
+def test_sizes_may_stand_with_the_bands(tmp_path: Path) -> None:
+    size = "<NROWS>1001</NROWS><NCOLS>2001</NCOLS>"
+    each = "<Band_Dimensions><BAND_ID>{}</BAND_ID>{}</Band_Dimensions>"
+    alike = each.format("R", size) + each.format("G", size)
+    product = read_dimap(_written(tmp_path, delivered(), (size, alike)))
+    assert (product.rows, product.columns) == (1001, 2001)
+    other = each.format("R", size) + each.format("P", size.replace("2001", "8001"))
+    path = _written(tmp_path, delivered(), (size, f"<Band_Dimensions_List>{other}</Band_Dimensions_List>"))
+    with pytest.raises(InputError, match="found bands of different sizes, R, P, wanted one of them as band"):
+        read_dimap(path)
+
+
+def test_a_folder_is_enough_where_it_holds_one_image(tmp_path: Path) -> None:
+    """As delivered: the volume's index, and in the image's folder its metadata among other XML files."""
+    image = tmp_path / "volume" / "IMG_1"
+    image.mkdir(parents=True)
+    (tmp_path / "volume" / "VOL.XML").write_text("<Dimap_Document><Dataset_Content/></Dimap_Document>")
+    (image / "RPC.XML").write_text("<Dimap_Document><Rational_Function_Model/></Dimap_Document>")
+    (image / "other.xml").write_text("<metadata/>")
+    (image / "DIM_1.XML").write_text(delivered())
+    assert read_product(tmp_path / "volume").path == image / "DIM_1.XML"
+    (image / "DIM_2.XML").write_text(delivered())
+    with pytest.raises(
+        InputError, match=r"found 2 files of images, \[\"IMG_1/DIM_1\.XML\", .* wanted the one"
+    ):
+        read_product(tmp_path / "volume")
+
+
+def test_rows_dated_later_than_the_sensor_model_are_said(tmp_path: Path, shared_cases: Path) -> None:
+    path = _written(tmp_path, delivered(), ("12:00:00.500Z", "12:00:00.521Z"))
+    assert "Use_Area dates rows 21 ms later than START" in read_dimap(path).notices[0]
+    products = [
+        read_dimap(shared_cases / "spot6" / f"{name}.xml") for name in ("as_delivered", "same_without_offset")
+    ]
+    assert [len(product.notices) for product in products] == [1, 0]
+    assert products[0].t_ns == products[1].t_ns
+    assert products[0].line_period_s == products[1].line_period_s == pytest.approx(230e-6, rel=1e-12)
+
+
 def test_first_detector_of_a_cut_line(tmp_path: Path) -> None:
     """Column 1 is detector FIRST_COL: the middle detector, 1001, is then column 1001 - 500, counted from 0."""
     path = _written(tmp_path, delivered(), ("<FIRST_COL>1<", "<FIRST_COL>501<"))
@@ -429,7 +485,7 @@ BAD: list[tuple[Callable[[], str], tuple[str, str], str]] = [
     (delivered, ("<SCALE>1.0<", "<SCALE>0<"), 'SCALE: found "0", wanted a positive number'),
     (delivered, ("<OFFSET>43200.5<", "<OFFSET>432.5<"), "OFFSET: found .* s from the image"),
     (delivered, ("<COEFFICIENTS>0.7071067811865476", "<COEFFICIENTS>0.3"), "found a quaternion of norm 0.76"),
-    (delivered, ("<XLOS_1>1e-05<", "<XLOS_1>-1e-05<"), "look directions that do not turn"),
+    (delivered, ("<XLOS_1>1e-05<", "<XLOS_1>0<"), "look directions that do not turn"),
     (production, ("-0.01 1e-05<", "-0.01<"), "look directions that do not turn"),
     (delivered, ("<XLOS_0>", '<XLOS_0 unit="deg">'), 'XLOS_0: found the unit "deg"'),
     (delivered, ("<YLOS_0>0.0</YLOS_0>", ""), "found no YLOS_0, wanted the key YLOS_0"),

@@ -53,11 +53,20 @@ class Node:
         wanted = re.compile(rf"{re.escape(key)}(_\d+)?", re.IGNORECASE)
         children = [child for child in self.element if wanted.fullmatch(child.tag)]
         many = len(children) > 1
-        prefix = f"{self.place}/" if self.place else ""
         return [
-            Node(self.path, child, f"{prefix}{child.tag}" + (f"[{i}]" if many else ""))
+            Node(self.path, child, self._inside(child) + (f"[{i}]" if many else ""))
             for i, child in enumerate(children, 1)
         ]
+
+    def below(self, key: str) -> list[Node]:
+        """The elements of that name at any depth below this one."""
+        found = [
+            node for child in self.element for node in Node(self.path, child, self._inside(child)).below(key)
+        ]
+        return [*self.all(key), *found]
+
+    def _inside(self, child: Element) -> str:
+        return f"{self.place}/{child.tag}" if self.place else child.tag
 
     def find(self, keys: str) -> Node | None:
         """The first element at ``A/B/C`` below this one, or None."""

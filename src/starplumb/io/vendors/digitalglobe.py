@@ -22,9 +22,9 @@ from ..text.pvl import read_pvl
 from ..text.tree import Array, Epochs, Node, read_xml
 from ..text.values import UNIT_TOLERANCE
 from .digitalglobe_geo import Optics, band_group, mounted, read_optics
+from .metadata_files import DIGITALGLOBE
 from .vendor import C_KV, Corners, Product
 
-SUFFIXES = (".imd", ".att", ".eph", ".geo")
 _INVERSE_XYZW = np.array([-1.0, -1.0, -1.0, 1.0])
 _LINEAR_ROWS = 0.01
 """How far the table of line times may be from one line period, rows, beyond the microsecond it is written to."""
@@ -75,7 +75,7 @@ def read_digitalglobe(path: Path, optics: Optics | None = None, band: str | None
     image = parts.imd.need("IMAGE")
     product = Product(
         path=path,
-        name=path.stem if path.suffix.lower() in SUFFIXES else image.need("catId").text,
+        name=path.stem if path.suffix.lower() in DIGITALGLOBE else image.need("catId").text,
         columns=columns,
         rows=rows,
         detectors=optics.detectors(columns),

@@ -26,6 +26,8 @@ _METRE = {"m": 1.0}
 _PERIODS = {"s": 1.0, "ms": 1e-3, "millisecond": 1e-3, "us": 1e-6, "microsecond": 1e-6}
 _PERIOD_TOLERANCE = 0.01
 """How far rows times line period may be from END - START, relative: some files round these to a millisecond."""
+_MOST_LATE_S = 0.15
+"""A row dated farther than this from START and the line period is one of another image."""
 _NODES = 8
 """Positions the vendor's interpolation uses."""
 _COLUMN_STEP = 16
@@ -103,8 +105,9 @@ def read_dimap(path: Path, attitude: AttitudeChoice = "vendor", band: str | None
     layout = _layout(root)
     model = root.need(layout.model)
     _require_systems(root, layout, model)
-    columns = root.need(_raster(root)).need("NCOLS").whole(2)
-    timing = _timing(root, layout, model)
+    raster = _raster(root, band)
+    columns = raster.need("NCOLS").whole(2)
+    timing = _timing(raster.need("NROWS").whole(2), layout, model)
     orbit_t_ns, r_J = _orbit(layout, model)
     own = attitude == "vendor"
     chosen = telemetry(root, attitude) if attitude != "vendor" else _vendor_attitude(layout, model, timing)
@@ -125,7 +128,7 @@ def read_dimap(path: Path, attitude: AttitudeChoice = "vendor", band: str | None
         C_EK=C_KV.mT,
         corrections=Corrections(light_time=not own, aberration=not own, refraction=False),
         corners=_corners(root),
-        notices=chosen.notices,
+        notices=(*_row_times(root, timing), *chosen.notices),
     )
 
 
@@ -140,8 +143,20 @@ def _layout(root: Node) -> _Layout:
     )
 
 
-def _raster(root: Node) -> str:
-    return "Raster_Dimensions" if root.find("Raster_Dimensions") else "Raster_Data/Raster_Dimensions"
+def _raster(root: Node, band: str | None) -> Node:
+    """The element with NROWS and NCOLS: of the image, or in some dialects of each of its bands."""
+    place = "Raster_Dimensions" if root.find("Raster_Dimensions") else "Raster_Data/Raster_Dimensions"
+    raster = root.need(place)
+    if raster.find("NROWS") is not None:
+        return raster
+    bands = raster.below("Band_Dimensions")
+    sizes = {(node.need("NROWS").text, node.need("NCOLS").text): node for node in bands}
+    named = {node.need("BAND_ID").text: node for node in bands if len(sizes) > 1}
+    if band in named:
+        return named[band]
+    if named:
+        raise raster.error(f"bands of different sizes, {', '.join(named)}", "one of them as band")
+    return bands[0] if bands else raster.need("NROWS")
 
 
 def _require_systems(root: Node, layout: _Layout, model: Node) -> None:
@@ -160,9 +175,8 @@ def _require_systems(root: Node, layout: _Layout, model: Node) -> None:
         raise origin.error(show(origin.text), "rows and columns counted from 1")
 
 
-def _timing(root: Node, layout: _Layout, model: Node) -> _Timing:
+def _timing(rows: int, layout: _Layout, model: Node) -> _Timing:
     """When the rows were exposed; the line period and its unit must agree with START, END and the number of rows."""
-    rows = root.need(_raster(root)).need("NROWS").whole(2)
     start, end = model.need(f"{layout.range}/START").epoch(), model.need(f"{layout.range}/END").epoch()
     node = model.need(layout.period)
     duration = (end - start) * 1e-9
@@ -179,24 +193,34 @@ def _timing(root: Node, layout: _Layout, model: Node) -> _Timing:
             f"{show(node.text)} {unit_text} for {rows} rows from START to END in {duration:.6g} s",
             f"{duration / rows:.6g} s",
         )
-    timing = _Timing(start, fitting[0], rows)
-    _require_row_times(root, timing)
-    return timing
+    return _Timing(start, fitting[0], rows)
 
 
-def _require_row_times(root: Node, timing: _Timing) -> None:
-    """Raise InputError where the product dates a row otherwise than from START on."""
+def _row_times(root: Node, timing: _Timing) -> tuple[str, ...]:
+    """A notice where the product dates rows otherwise than its sensor model does, as delivered ones of SPOT 6 and 7 do.
+
+    Raises InputError where the two are so far apart that they belong to different images.
+    """
     area = root.find("Geometric_Data/Use_Area")
+    late = []
     for located in area.all("Located_Geometric_Values") if area else []:
         row, time = located.find("ROW"), located.find("TIME")
         if row is None or time is None:
             continue
         expected = timing.t_ns + 1e9 * timing.period_s * (row.number() - 1.0)
-        if abs(time.epoch() - expected) > 1e9 * timing.period_s + 1_000:
+        late.append((time.epoch() - expected) * 1e-9)
+        if abs(late[-1]) > _MOST_LATE_S:
             wanted = format_iso(round(expected), "UTC")[0]
             raise time.error(
                 f"{show(time.text)} for row {row.text}", f"{wanted} by START and the line period"
             )
+    worst = max(late, key=abs, default=0.0)
+    if abs(worst) <= timing.period_s + 1e-6:
+        return ()
+    return (
+        f"{root.path}: Use_Area dates rows {worst * 1e3:.4g} ms later than START and the line period; these are used, "
+        "since they are those of the sensor model",
+    )
 
 
 def _orbit(layout: _Layout, model: Node) -> tuple[Epochs, Array]:
@@ -235,8 +259,8 @@ def _detectors(layout: _Layout, model: Node, columns: int, band: str | None) -> 
     else:
         angles = _look_angles(model, band)
         psi_x, psi_y = _series(angles, "XLOS"), _series(angles, "YLOS")
-    if psi_x.size < 2 or psi_x[1] <= 0.0:
-        raise model.error("look directions that do not turn with the column", "PsiX that grows with it")
+    if not np.any(psi_x[1:]) and not np.any(psi_y[1:]):
+        raise model.error("look directions that do not turn with the column", "PsiX or PsiY that do")
     step = _COLUMN_STEP if max(psi_x.size, psi_y.size) > 2 else columns - 1
     column = np.unique(np.append(np.arange(0, columns, step), columns - 1)).astype(np.float64)
     polynomial = np.polynomial.polynomial.polyval

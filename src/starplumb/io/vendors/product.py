@@ -14,11 +14,10 @@ from ...table.geometry import locate
 from ..campaign.marks.landmarks import read_landmarks
 from ..campaign.marks.markers import Grid, read_observations
 from ..campaign.write import write_campaign
-from ..text.files import show
-from ..text.tree import read_xml
-from .digitalglobe import SUFFIXES, read_digitalglobe
+from .digitalglobe import read_digitalglobe
 from .digitalglobe_geo import Optics
 from .dimap import read_dimap
+from .metadata_files import one_metadata_file, vendor_of
 from .vendor import AttitudeChoice, Product, Sigma
 
 CORNER_LIMIT_M = 50_000.0
@@ -34,34 +33,14 @@ def read_product(
 
     Raises InputError for another kind of file, and for a choice that the product does not have.
     """
-    path = _metadata_file(path)
-    suffix = path.suffix.lower()
-    if suffix not in (".xml", *SUFFIXES):
-        raise InputError(f"{path}: found the ending {show(suffix)}, wanted .XML, {', '.join(SUFFIXES)}")
-    if suffix == ".xml" and read_xml(path).name.lower() != "isd":
+    path = one_metadata_file(path)
+    if vendor_of(path) == "DIMAP":
         if optics is not None:
             raise InputError(f"{path}: found optics stated for a DIMAP product, wanted none: it has its own")
         return read_dimap(path, attitude, band)
     if attitude != "vendor":
         raise InputError(f'{path}: found attitude "{attitude}", wanted "vendor": the product has no other')
     return read_digitalglobe(path, optics, band)
-
-
-def _metadata_file(path: Path) -> Path:
-    """The one file of a folder that describes its image, or the file itself."""
-    if not path.is_dir():
-        return path
-    files = [file for file in sorted(path.iterdir()) if file.is_file()]
-    for suffix in (".imd", ".xml"):
-        found = [file for file in files if file.suffix.lower() == suffix]
-        if len(found) == 1:
-            return found[0]
-        if found:
-            names = show([file.name for file in found])
-            raise InputError(
-                f"{path}: found {len(found)} files {suffix.upper()}, {names}, wanted the one to import"
-            )
-    raise InputError(f"{path}: found a folder without .IMD and .XML, wanted the metadata of an image")
 
 
 def import_product(

@@ -1,0 +1,87 @@
+"""Which files of a delivery describe an image, and whose product they are of: told by their first lines."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Literal
+
+from ...physics.errors import InputError
+from ..text.files import read_beginning, show, trouble
+
+Vendor = Literal["DIMAP", "DigitalGlobe"]
+DIGITALGLOBE = (".imd", ".att", ".eph", ".geo")
+"""Endings of DigitalGlobe's text files; the first describes the image."""
+_ROOT = re.compile(r"<(\w+)[\s>]")
+_MOST_DEEP = 3
+"""Folders below the one that is named: a volume, a product in it, an image in that."""
+_TILE = re.compile(r"[-_]R\d+C\d+", re.IGNORECASE)
+
+
+def vendor_of(path: Path) -> Vendor:
+    """Whose metadata a file is. Raises InputError for any other file."""
+    if path.suffix.lower() in DIGITALGLOBE:
+        return "DigitalGlobe"
+    root = _root(path)
+    if root == "isd":
+        return "DigitalGlobe"
+    if root is not None and root.endswith("dimap_document"):
+        return "DIMAP"
+    if (fault := trouble(path)) is not None:
+        raise InputError(f"{path}: {fault}")
+    found = f"the ending {show(path.suffix)}" if root is None else f"the XML element {show(root)}"
+    wanted = f"DIMAP (Dimap_Document) or DigitalGlobe (isd) as XML, or {', '.join(DIGITALGLOBE)}"
+    raise InputError(f"{path}: found {found}, wanted {wanted}")
+
+
+def _root(path: Path) -> str | None:
+    """The name of the root element of an XML file, None for other files."""
+    start = read_beginning(path).decode("utf-8", "replace").lstrip("\ufeff \t\r\n")
+    found = _ROOT.search(start) if start.startswith("<") else None
+    return None if found is None else found[1].lower()
+
+
+def one_metadata_file(path: Path) -> Path:
+    """The one file of a folder that describes an image, or the file itself."""
+    if not path.is_dir():
+        return path
+    found = metadata_files(path)
+    if not found:
+        raise InputError(f"{path}: found a folder without .IMD and .XML, wanted the metadata of an image")
+    if len(found) > 1:
+        names = show([file.relative_to(path).as_posix() for file in found])
+        raise InputError(f"{path}: found {len(found)} files of images, {names}, wanted the one to import")
+    return found[0]
+
+
+def metadata_files(folder: Path) -> list[Path]:
+    """The files in a folder, and in the folders in it, that describe an image each.
+
+    An XML file with the name of an .IMD says the same again; tiles R1C1, R1C2 ... of one image are described together,
+    by the first of them.
+    """
+    every = [
+        file for file in sorted(folder.rglob("*")) if len(file.relative_to(folder).parts) <= _MOST_DEEP + 1
+    ]
+    text = {file.with_suffix("").as_posix().lower(): file for file in every if file.suffix.lower() == ".imd"}
+    described = [
+        file
+        for file in every
+        if file.suffix.lower() in (".xml", ".dim")
+        and file.with_suffix("").as_posix().lower() not in text
+        and _describes_an_image(file)
+    ]
+    images: dict[str, Path] = {}
+    for file in [*text.values(), *described]:
+        images.setdefault(_TILE.sub("", file.with_suffix("").as_posix()).lower(), file)
+    return list(images.values())
+
+
+def _describes_an_image(path: Path) -> bool:
+    """Whether an XML file has a sensor model: a delivery also has those of volumes, RPC, masks and processing."""
+    root = _root(path)
+    if root is None or not (root == "isd" or root.endswith("dimap_document")):
+        return False
+    data = path.read_bytes()
+    models = (b"Refined_Model>", b"Sensor_Model_Characteristics>", b"Instrument_Look_Angles", b"EPHEMLIST")
+    return any(word in data for word in models)
