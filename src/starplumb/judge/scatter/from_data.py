@@ -26,6 +26,7 @@ from ...solve.whitening import sums
 from ...table.equation import Linearised
 from ...table.observations import Observations
 from . import variances
+from .times import TimesFound, times_found
 from .variances import Component, Factors, Projector
 
 Array = NDArray[np.float64]
@@ -50,7 +51,8 @@ class ImageRotations:
     source (m, 3, 3): sightings, attitude and position.
 
     ``common`` (m, 3, p) is what the errors in common, named ``common_of``, do to them, ``landmarks`` (m, 3, 3 q) what
-    those of landmarks seen again do, which is part of ``sightings_E`` too.  ``squares`` is the sum of the weighted
+    those of landmarks seen again do, which is part of ``sightings_E`` too, and ``per_second_E`` (m, 3) rad/s what a
+    time too late does.  ``squares`` is the sum of the weighted
     squares within the images, with ``degrees`` of freedom; ``image`` (m,) are the images, ``sigma_px`` that of their
     sightings.
     """
@@ -62,6 +64,7 @@ class ImageRotations:
     position_E: Array
     common: Array
     landmarks: Array
+    per_second_E: Array
     common_of: tuple[str, ...]
     squares: float
     degrees: int
@@ -79,7 +82,16 @@ class ImageRotations:
         return replace(self, **{name: getattr(self, name)[k] for name in _PER_IMAGE})
 
 
-_PER_IMAGE = ("image", "d_E", "sightings_E", "attitude_E", "position_E", "common", "landmarks")
+_PER_IMAGE = (
+    "image",
+    "d_E",
+    "sightings_E",
+    "attitude_E",
+    "position_E",
+    "common",
+    "landmarks",
+    "per_second_E",
+)
 
 
 def image_rotations(fit: Fit) -> ImageRotations | None:
@@ -115,10 +127,13 @@ def _of_part(linear: Linear, place: Index) -> tuple[Any, ...]:
     if o.common_px is not None:
         common = -(Q @ sums_of.of(sums_of.HW @ o.common_px[rows])[fixed])
     landmarks = Q @ _of_landmarks(o, model, sums_of, place)[fixed]
+    moved = model.H[rows] @ o.omega_E[rows, :, None] - model.R[rows] @ o.v_J[rows, :, None]
+    per_second = Q @ sums_of.of(sums_of.HW @ moved)[fixed]
     squares = np.sum(sums_of.squares[fixed] - (b.mT @ Q @ b)[:, 0, 0])
     position = gain @ o.cov_position_J[image] @ gain.mT
     degrees = np.sum(2 * sums_of.count[fixed] - 3)
-    return image, -(Q @ b)[..., 0], Q, o.cov_attitude_E[image], position, common, landmarks, squares, degrees
+    d_E, attitude = -(Q @ b)[..., 0], o.cov_attitude_E[image]
+    return image, d_E, Q, attitude, position, common, landmarks, per_second[..., 0], squares, degrees
 
 
 def _of_landmarks(o: Observations, model: Linearised, images: ImageSums, place: Index) -> Array:
@@ -197,7 +212,7 @@ class SourceFound:
 class FromData:
     """What the scatter of images supports: ``sigma_E`` (3,) rad of the answer with ``degrees`` (3,) of freedom, None
     where they are too few, and the ``sources``; ``jackknife_E`` (3,) rad is a rough sigma that knows no source, from
-    leaving out one ``left`` after another."""
+    leaving out one ``left`` after another; ``times`` is what the scatter says of the times of images."""
 
     images: int
     sigma_E: Array | None
@@ -205,6 +220,7 @@ class FromData:
     sources: tuple[SourceFound, ...]
     jackknife_E: Array | None = None
     left: str = "image"
+    times: TimesFound | None = None
 
     @property
     def half_95_E(self) -> Array | None:
@@ -229,11 +245,12 @@ def from_data(
     sources = components(some, C_EK, levels)
     p = variances.probabilities(some.d_E, sources)
     stated = np.array([c.stated for c in sources])
-    gain = Projector(sources, stated).gain
+    as_stated = Projector(sources, stated)
+    gain, times = as_stated.gain, times_found(as_stated, some.d_E, some.per_second_E)
     factors = variances.estimate(some.d_E, sources)
     named = tuple(_found(some, c, factors, k, float(p[k])) for k, c in enumerate(sources))
     if some.size < FEWEST:
-        return FromData(images.size, None, None, named)
+        return FromData(images.size, None, None, named, times=times)
     slopes = np.array([np.diagonal(c.spread(gain)) for c in sources])
     variance, degrees = _satterthwaite(slopes, factors)
     scale = sigma_E / np.sqrt(stated @ slopes)  # whatever else the answer rests on scales alike
@@ -241,7 +258,7 @@ def from_data(
     if np.unique(groups).size < FEWEST:
         left, groups = "image", np.arange(some.size)
     rough = _jackknife(some.d_E, gain, groups) * scale
-    return FromData(images.size, np.sqrt(variance) * scale, degrees, named, rough, left)
+    return FromData(images.size, np.sqrt(variance) * scale, degrees, named, rough, left, times)
 
 
 def _satterthwaite(slopes: Array, factors: Factors) -> tuple[Array, Array]:

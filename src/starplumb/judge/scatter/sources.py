@@ -5,6 +5,7 @@ from __future__ import annotations
 from ...estimators.usable import EXACT
 from ..trust import Finding, probability
 from .from_data import SIGHTINGS, FromData, SourceFound
+from .times import TimesFound
 
 TOO_SMALL_P, TOO_LARGE_P = 1e-3, 1e-4
 """Probability, over the number of sources, below which a source is said to be larger or smaller than stated: larger
@@ -23,6 +24,8 @@ def findings_of_sources(found: FromData | None, images: int) -> list[Finding]:
     others = any(_surely_larger(source, len(found.sources)) for source in found.sources)
     spoken = [source for source in found.sources if not (others and _explained(source))]
     told = [one for one in (_told(source, len(found.sources)) for source in spoken) if one is not None]
+    if found.times is not None and found.times.p < TOO_SMALL_P and not any(one.weakens for one in told):
+        told.append(_times(found.times))
     confirmed = found.images > FEW_IMAGES or any(finding.weakens for finding in told)
     return told if confirmed else [*told, _unconfirmed(found.images)]
 
@@ -32,6 +35,16 @@ def _unconfirmed(images: int) -> Finding:
         f"nothing here confirms the stated sigmas of attitude and orbit: the scatter of {images} images cannot tell; "
         f"more than {FEW_IMAGES} images would",
         False,
+    )
+
+
+def _times(times: TimesFound) -> Finding:
+    return Finding(
+        f"the images disagree along the flight ({probability(times.p)}), as if each had a time of its own, wrong by "
+        f"{1e3 * times.sigma_s:.2g} ms: look at the times of the images, or state sigma_time_s if they are as coarse; "
+        "the interval is widened by it",
+        True,
+        covariance_E=times.covariance_E,
     )
 
 
