@@ -72,7 +72,9 @@ def rotations(d_E, sigma):
     attitude = np.tile(np.diag(np.square(sigma)), (m, 1, 1))
     nothing, none = np.zeros((m, 3, 3)), np.zeros((m, 3, 0))
     exact = nothing + 1e-12 * np.eye(3)
-    return ImageRotations(np.arange(m), d_E, exact, attitude, nothing, none, none, (), 10.0, 10, 0.1)
+    return ImageRotations(
+        np.arange(m), d_E, exact, attitude, nothing, none, none, 0.0 * d_E, (), 10.0, 10, 0.1
+    )
 
 
 def test_the_interval_from_data_is_students(rng):

@@ -115,7 +115,7 @@ def rotations(d, attitude=SIGMA):
     nothing, none = np.zeros((m, 3, 3)), np.zeros((m, 3, 0))
     own = np.tile(np.diag(np.square(attitude)), (m, 1, 1))
     exact = nothing + 1e-6 * np.eye(3)
-    return ImageRotations(np.arange(m), d, exact, own, nothing, none, none, (), 100.0, 100, 0.1)
+    return ImageRotations(np.arange(m), d, exact, own, nothing, none, none, 0.0 * d, (), 100.0, 100, 0.1)
 
 
 def test_equal_passes_give_the_textbook_s_variance_between(rng):
