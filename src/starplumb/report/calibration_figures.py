@@ -123,11 +123,10 @@ def _trend(name: str, x: Array, px: Array, label: str, ticks: Sequence[str], wor
 
 def _time(c: Calibration) -> tuple[Array, str]:
     """Seconds of each exposure after the first image, and the first image's epoch."""
-    t_ns = c.campaign.images.t_ns
-    first = int(np.min(t_ns))
-    time = (t_ns[c.observations.image] - first) * 1e-9
-    row = np.where(c.observations.line_period_s > 0.0, c.campaign.sightings.row_px, 0.0)
-    return time + row * c.observations.line_period_s, format_iso(np.array([first]), "UTC", 3)[0]
+    images = c.campaign.images
+    first = int(np.min(images.t_ns))
+    exposed = images.exposed(c.observations.image, c.campaign.sightings.row_px)
+    return np.asarray(1e-9 * (exposed - first), dtype=np.float64), format_iso(np.array([first]), "UTC", 3)[0]
 
 
 def alignment_ellipses(c: Calibration) -> tuple[Figure, ...]:

@@ -3,7 +3,7 @@ files."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -15,6 +15,7 @@ from ..physics.earth import C_JT, itrf_to_geodetic
 from ..physics.light import Corrections
 from ..physics.series import Attitude, Ephemeris, Orientation
 from ..physics.trackers import FusedAttitude
+from .row_times import RowTimes
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -78,7 +79,8 @@ class Images:
     """m images taken at ``t_ns`` (m,): mid-exposure of a frame; of row 0 for a line scanner, whose rows
     follow one another by ``line_period_s`` (m,) (None for a frame).  ``tracker`` (m,) names the star
     tracker each attitude is from, ``passes`` and ``sessions`` (m,) the pass and session of each image, None where they
-    are not distinguished; ``sigma_time_s`` (m,) is the sigma of each image's own error of time."""
+    are not distinguished; ``sigma_time_s`` (m,) is the sigma of each image's own error of time; ``row_times`` (m,) are
+    the times of the rows of images whose rows are uneven, None for each other one."""
 
     ids: tuple[str, ...]
     t_ns: Epochs
@@ -89,6 +91,7 @@ class Images:
     passes: tuple[str, ...] | None = None
     sessions: tuple[str, ...] | None = None
     sigma_time_s: Array | None = None
+    row_times: tuple[RowTimes | None, ...] | None = None
 
     def __post_init__(self) -> None:
         m = _distinct("image", self.ids)
@@ -99,7 +102,7 @@ class Images:
             _shape("line_period_s", self.line_period_s, (m,))
         if self.sigma_time_s is not None:
             _shape("sigma_time_s", self.sigma_time_s, (m,))
-        for name in ("tracker", "passes", "sessions"):
+        for name in ("tracker", "passes", "sessions", "row_times"):
             names = getattr(self, name)
             if names is not None and len(names) != m:
                 raise ValueError(f"{name} names {len(names)} images, wanted {m}")
@@ -108,8 +111,26 @@ class Images:
         """Epochs (n,) of rows (n,) of images (n,): of the image itself, plus row periods for a line scanner."""
         if self.line_period_s is None:
             return self.t_ns[image]
-        late_s = self.line_period_s[image] * np.asarray(row_px, dtype=np.float64)
-        return np.asarray(self.t_ns[image] + np.rint(1e9 * late_s).astype(np.int64))
+        row = np.asarray(row_px, dtype=np.float64)
+        late_ns = np.rint(1e9 * self.line_period_s[image] * row).astype(np.int64)
+        for mine, table in self._tables(image):
+            late_ns[mine] = table.late(row[mine])
+        return np.asarray(self.t_ns[image] + late_ns)
+
+    def period_s(self, image: Index, row_px: ArrayLike) -> Array:
+        """Duration (n,) of rows (n,) of images (n,); zero for a frame camera."""
+        if self.line_period_s is None:
+            return np.zeros(image.shape)
+        period, row = self.line_period_s[image], np.asarray(row_px, dtype=np.float64)
+        for mine, table in self._tables(image):
+            period[mine] = table.period_s(row[mine])
+        return period
+
+    def _tables(self, image: Index) -> Iterator[tuple[Index, RowTimes]]:
+        """The tables of uneven rows, and which of the images (n,) each is of."""
+        for i, table in enumerate(self.row_times or ()):
+            if table is not None and (mine := np.flatnonzero(image == i)).size:
+                yield mine, table
 
 
 @dataclass(frozen=True)

@@ -41,9 +41,7 @@ def stations(campaign: Campaign, image: Index, row_px: ArrayLike) -> Stations:
     Raises EpochError naming the image, the epoch and the nearest sample.
     """
     images = campaign.images
-    period = np.zeros(image.size)
-    if campaign.camera.scans and images.line_period_s is not None:
-        period = images.line_period_s[image]
+    period = images.period_s(image, row_px) if campaign.camera.scans else np.zeros(image.size)
     epochs, back = np.unique(images.exposed(image, row_px), return_inverse=True)
     try:
         C_EJ, omega_E = campaign.attitude.at(epochs)

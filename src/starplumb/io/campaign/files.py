@@ -17,11 +17,12 @@ from .settings import Settings
 @dataclass(frozen=True)
 class Files:
     """Tables and files by the key that names them, ``names`` as the campaign writes them; files of ground points are in
-    ``points``, by their section."""
+    ``points``, by their section.  ``folder`` is what names are relative to."""
 
     names: dict[str, str]
     tables: dict[str, TableSource]
     points: dict[str, PointFiles]
+    folder: Path = Path()
 
     @classmethod
     def of(cls, config: CampaignConfig, given: Settings) -> Files:
@@ -34,7 +35,7 @@ class Files:
         faults = [(key, place, trouble(place)) for key, place in places.items()]
         if problems := [f"{key}: {place}: {fault}" for key, place, fault in faults if fault]:
             raise refuse(given.name, problems)
-        return cls(names, tables, points)
+        return cls(names, tables, points, given.folder)
 
     def path(self, key: str) -> Path | None:
         """The file of a key that no data frame can stand for, where there is one."""
@@ -45,14 +46,14 @@ class Files:
         """What a section names that may name files of ground points."""
         return self.points[section] if section in self.points else self.tables[f"{section}.file"]
 
-    def fingerprints(self) -> dict[str, str]:
-        """The digest of every table and file by its name."""
+    def fingerprints(self, further: Sequence[str] = ()) -> dict[str, str]:
+        """The digest of every table and file by its name, and of ``further`` ones that the tables name."""
         found: dict[str, str] = {}
         for key, name in self.names.items():
             found |= _fingerprints(name, self.tables[key])
         for each in self.points.values():
             found |= {name: fingerprint(path) for name, path in zip(each.names, each.paths, strict=True)}
-        return found
+        return found | {name: fingerprint(self.folder / name) for name in further}
 
 
 def _named(config: CampaignConfig) -> dict[str, str]:

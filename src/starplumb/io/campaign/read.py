@@ -30,6 +30,7 @@ from .marks import markers
 from .marks.images import images_of, read_images
 from .marks.landmarks import read_landmarks
 from .marks.outside import Coverage, LeftOut, Outside
+from .marks.row_times import named, require_rows
 from .settings import read_settings
 from .sharing import attitude_sharing, position_sharing
 from .spice_config import spice_rules
@@ -118,7 +119,7 @@ def load_campaign(
     notices: list[str] = []
     orientation = _orientation(config, files)
     campaign, detections, rows = _assemble(config, files, orientation, notices, given.name)
-    inputs = given.digest | files.fingerprints()
+    inputs = given.digest | files.fingerprints(named(campaign.images))
     loaded = LoadedCampaign(campaign, config, inputs, tuple(notices), orientation, rows, detections, outside)
     return _without_outside(loaded) if outside == "skip" else loaded
 
@@ -164,10 +165,11 @@ def _assemble(
         landmarks = replace(landmarks, common_sigma=np.array(config.landmarks.common_sigma_m))
     grid = markers.Grid(*camera.size_px, shift_px=pixel_shift(config.camera))
     sightings, detections, rows = _marks(config, files, images, landmarks, grid, notices)
+    marks = sightings if detections is None else detections
+    require_rows(images, marks.image, marks.row_px, rows)
     ephemeris = motion.read_ephemeris(
         files.tables["ephemeris.file"], config.ephemeris, scale, images.t_ns, orientation, notices
     )
-    marks = sightings if detections is None else detections
     exposures = Exposures(images, marks.image, images.exposed(marks.image, marks.row_px))
     attitude, cov_attitude_E = read_attitude(settings, config, files.tables, orientation, exposures, notices)
     turns = {"mounting": config.mounting} | {f"frames.{name}": f for name, f in config.frames.items()}
@@ -206,7 +208,9 @@ def _images(config: CampaignConfig, files: Files, scans: bool, notices: list[str
         config.images.declared("images"),
     )
     if "images.file" in files.tables:
-        return read_images(files.tables["images.file"], scale, scans, notices, declared, pattern)
+        return read_images(
+            files.tables["images.file"], scale, scans, notices, declared, pattern, files.folder
+        )
     key, marks = (
         ("observations", config.observations) if config.observations else ("detections", config.detections)
     )

@@ -22,6 +22,9 @@ from .motion import VELOCITY
 from .toml_text import Sections, document_text, in_unit
 from .write_attitude import along_axes, attitude_files, attitude_sections, gap, shared, times
 
+_ROW_TIMES = "row_times_{}.csv"
+"""The table of uneven rows of the image of an index."""
+
 
 def write_campaign(
     folder: Path,
@@ -46,6 +49,7 @@ def write_campaign(
         **attitude_files(campaign, time_scale),
         "landmarks.csv": _landmarks(campaign.landmarks),
         "images.csv": _images(campaign, time_scale),
+        **_row_times(campaign, time_scale),
     }
     if isinstance(campaign.camera, LineScanCamera):
         camera = campaign.camera
@@ -103,7 +107,9 @@ def _common(landmarks: Landmarks) -> dict[str, object]:
 def _images(campaign: Campaign, scale: str) -> str:
     images = campaign.images
     columns: dict[str, Sequence[object]] = {"image_id": images.ids, "time": times(images.t_ns, scale)}
-    if images.line_period_s is not None:
+    if images.row_times is not None and None not in images.row_times:
+        columns["row_times"] = [_ROW_TIMES.format(i) for i in range(len(images.ids))]
+    elif images.line_period_s is not None:
         columns["line_period_s"] = images.line_period_s.tolist()
     for name, texts in (
         ("tracker", images.tracker),
@@ -115,6 +121,18 @@ def _images(campaign: Campaign, scale: str) -> str:
     if images.sigma_time_s is not None:
         columns["sigma_time_s"] = images.sigma_time_s.tolist()
     return csv_text(tuple(columns), tuple(columns.values()))
+
+
+def _row_times(campaign: Campaign, scale: str) -> dict[str, str]:
+    """The tables of uneven rows by the names of their files."""
+    images = campaign.images
+    return {
+        _ROW_TIMES.format(i): csv_text(
+            ("row", "time"), (table.row, times(images.t_ns[i] + table.late_ns, scale))
+        )
+        for i, table in enumerate(images.row_times or ())
+        if table is not None
+    }
 
 
 def _observations(campaign: Campaign) -> str:

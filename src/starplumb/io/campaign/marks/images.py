@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from datetime import datetime
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,10 +12,12 @@ from numpy.typing import NDArray
 from ....physics import timescales
 from ....physics.errors import EpochError, InputError
 from ....table.campaign import Images
+from ....table.row_times import RowTimes
 from ...tables.declared import UNDECLARED, Declared
 from ...tables.read import Table, TableSource, epochs, read_table
 from ...text.files import show
 from .point_files import PointFiles
+from .row_times import read_row_times
 
 
 def read_images(
@@ -24,43 +27,63 @@ def read_images(
     notices: list[str],
     declared: Declared = UNDECLARED,
     time_from_id: str | None = None,
+    folder: Path = Path(),
 ) -> Images:
     """Images with their epochs; the line period, which a line scanner needs and a frame camera has not.
 
-    The epochs are those of the column ``time``, or stand in the ids as ``time_from_id`` says.
+    The epochs are those of the column ``time``, or stand in the ids as ``time_from_id`` says.  The column ``row_times``
+    names tables of uneven rows, relative to ``folder``.
     """
     table = read_table(
         source,
         texts=("image_id",) if time_from_id else ("image_id", "time"),
-        optional_texts=("tracker", "pass", "session"),
+        optional_texts=("tracker", "pass", "session", "row_times"),
         optional_numbers=("line_period_s", "sigma_time_s"),
         declared=declared,
     )
     notices += table.notices
     table.require_distinct("image_id", "each image once")
-    period = table.numbers.get("line_period_s")
-    if scans and period is None:
-        raise InputError(f"{source}: found no column line_period_s, wanted it for a line-scan camera")
-    if scans and period is not None:
-        wanted = "a positive number of seconds (negative where later rows are exposed earlier)"
-        table.require(period != 0.0, "line_period_s", wanted)
-    elif period is not None:
-        notices.append(f"{source}: ignored the column line_period_s, which a frame camera does not have")
-        period = None
+    t_ns = _times_in_ids(table, time_from_id, scale) if time_from_id else epochs(table, scale)
+    period, row_times = _rows(table, t_ns, scale, scans, folder, notices)
     sigma_time_s = table.numbers.get("sigma_time_s")
     if sigma_time_s is not None:
         table.require(sigma_time_s >= 0.0, "sigma_time_s", "a sigma in seconds, 0 or more")
     names = {name: tuple(texts) for name, texts in table.texts.items()}
     return Images(
         names["image_id"],
-        _times_in_ids(table, time_from_id, scale) if time_from_id else epochs(table, scale),
+        t_ns,
         period,
         str(source),
         names.get("tracker"),
         names.get("pass"),
         names.get("session"),
         sigma_time_s,
+        row_times,
     )
+
+
+def _rows(
+    table: Table, t_ns: NDArray[np.int64], scale: str, scans: bool, folder: Path, notices: list[str]
+) -> tuple[NDArray[np.float64] | None, tuple[RowTimes, ...] | None]:
+    """Line periods (m,), and the tables of uneven rows; neither for a frame camera."""
+    period, uneven = table.numbers.get("line_period_s"), "row_times" in table.texts
+    if not scans:
+        there = [
+            name for name, found in (("line_period_s", period is not None), ("row_times", uneven)) if found
+        ]
+        notices += [
+            f"{table.source}: ignored the column {name}, which a frame camera does not have" for name in there
+        ]
+        return None, None
+    if period is not None:
+        wanted = "a positive number of seconds (negative where later rows are exposed earlier)"
+        table.require(period != 0.0, "line_period_s", wanted)
+    if uneven:
+        rows = read_row_times(table, t_ns, folder, scale)
+        return (np.array([each.mean_period_s for each in rows]) if period is None else period), rows
+    if period is None:
+        raise InputError(f"{table.source}: found no column line_period_s, wanted it for a line-scan camera")
+    return period, None
 
 
 def images_of(source: TableSource | PointFiles, scale: str, time_from_id: str, declared: Declared) -> Images:
