@@ -20,6 +20,7 @@ from starplumb.judge.compare import compare
 from starplumb.judge.consistency import _confirmed, findings
 from starplumb.judge.residuals import residuals
 from starplumb.judge.separability import (
+    Combination,
     combinations,
     flight_axes,
     in_words,
@@ -117,6 +118,18 @@ def traded(growth: float, with_alignment: bool = True) -> tuple[AlignmentEstimat
     )
     estimate = AlignmentEstimate(np.eye(3), np.eye(3), np.array(0), np.array(1), parameters=vector)
     return estimate, o
+
+
+@pytest.mark.parametrize(
+    ("names", "listed"),
+    [
+        (("a",), "separate a: each"),
+        (("a", "b"), "separate a and b: each"),
+        (("a", "b", "c"), "separate a, b and c: each"),
+    ],
+)
+def test_a_combination_names_all_its_members(names, listed):
+    assert listed in Combination(tuple(range(len(names))), names, 12.0).sentence
 
 
 @pytest.mark.parametrize(

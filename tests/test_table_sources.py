@@ -101,7 +101,7 @@ def test_a_frame_of_pandas() -> None:
     assert read.numbers["x"].tolist() == [1.0, 2.0]
     assert read.notices == []
     with pytest.raises(InputError, match="points, row 1, column x: found an empty cell"):
-        read_table(Frame.of("points", pandas.DataFrame({"x": [1.0, np.nan]})), numbers=["x"])
+        read_table(Frame.of("points", pandas.DataFrame({"x": [1.0, np.nan, 2.0]})), numbers=["x"])
 
 
 @pytest.mark.parametrize(

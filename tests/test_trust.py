@@ -237,6 +237,24 @@ def test_good_campaigns_are_left_ok(monkeypatch, rng):
     assert Status.REFUTED not in status
 
 
+@pytest.mark.parametrize(
+    ("factor", "found", "times"),
+    [
+        (1.03, [WEAKER], 1.03),
+        (1.03, [GOOD], 1.0),
+        (1.01, [WEAKER], 1.0),
+        (0.5, [WEAKER], 1.0),
+        (9.0, [WEAKER], 9.0),
+    ],
+)
+def test_without_the_scatter_of_images_residuals_widen_an_interval(factor, found, times):
+    """By the residuals' rms over the stated one, 2 % more or above, where something weakens the answer."""
+    o = observe(truth(FRAME, 3, 4))
+    estimate = replace(Gls()(o, C_EK_TRUE), chi2=np.array(factor**2 * 21), degrees_of_freedom=np.array(21))
+    widened = judge._interval(estimate, None, found)
+    np.testing.assert_allclose(widened, 1.96 * times * estimate.sigma_E, rtol=1e-3)
+
+
 def of_each(campaign, sighting, image, landmark):
     """Statistics of a campaign whose second sighting, image and landmark alone stand out, by so much."""
     n = campaign.sightings.image.size
