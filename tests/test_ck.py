@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from bad_cases import both, put, swap
 from helpers import write_good_campaign
 from starplumb.io.campaign.read import load_campaign
-from starplumb.io.formats.ck import read_ck
+from starplumb.io.formats.attitudes.ck import read_ck
 from starplumb.io.formats.registry import ATTITUDES, recognised
 from starplumb.io.formats.spice import tdb_seconds
 from starplumb.physics.errors import InputError

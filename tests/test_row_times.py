@@ -13,6 +13,7 @@ from starplumb.io.campaign.read import load_campaign
 from starplumb.io.campaign.write import write_campaign
 from starplumb.physics.errors import InputError
 from starplumb.plan.demo import demo
+from starplumb.table.appearance import Seen, appearance
 from starplumb.table.geometry import locate, observe, project
 from starplumb.table.row_times import RowTimes
 
@@ -27,8 +28,12 @@ def test_times_by_hand():
     )
     np.testing.assert_allclose(rows.period_s([-1.0, 9.9, 10.0, 30.0]), [1e-3, 1e-3, 2e-3, 2e-3])
     assert rows.mean_period_s == 1.5e-3
+    np.testing.assert_allclose(
+        rows.row_at([-(10**6), 0, 5_500_000, 10**7, 2 * 10**7, 32 * 10**6]), [-1, 0, 5.5, 10, 15, 21]
+    )
     back = RowTimes(rows.row, -rows.late_ns)
     np.testing.assert_allclose(back.period_s([0.0]), -1e-3)
+    np.testing.assert_allclose(back.row_at([-5_500_000, -(2 * 10**7)]), [5.5, 15.0])
     with pytest.raises(ValueError, match="one way"):
         RowTimes(rows.row, np.array([0, 10, 5]))
 
@@ -81,6 +86,21 @@ def test_exposures_and_geometry_are_those_of_the_rows_counted_otherwise():
     p_J = locate(campaign, C_EK, image, column, row)
     pixel = project(uneven, C_EK, image, p_J)
     np.testing.assert_allclose(pixel, np.stack([column, count(row)], axis=-1), atol=2e-4)
+
+
+def test_a_place_beyond_the_rows_of_the_table_is_beside_the_image():
+    """Of five places along a column two lie in rows that the table, which ends in the middle, does not have."""
+    campaign, C_EK = demo("line-scan", 2, 8)
+    uneven, count = stretched(campaign, 1.25)
+    image, row = np.zeros(5, dtype=np.int64), np.array([0.1, 0.3, 0.5, 0.7, 0.9]) * campaign.camera.size_px[1]
+    p_J = locate(campaign, C_EK, image, np.full(5, 100.0), row)
+    whole = appearance(uneven, C_EK, 0, p_J)
+    np.testing.assert_allclose(whole.pixel[:, 1], count(row), atol=2e-4)
+    assert (whole.seen == Seen.YES).all()
+    table = uneven.images.row_times[0]
+    short = RowTimes(np.append(table.row[:1], count(0.6 * campaign.camera.size_px[1])), table.late_ns[:2])
+    cut = replace(uneven, images=replace(uneven.images, row_times=(short, uneven.images.row_times[1])))
+    assert [Seen(s) for s in appearance(cut, C_EK, 0, p_J).seen][3:] == [Seen.BESIDE, Seen.BESIDE]
 
 
 @pytest.mark.slow

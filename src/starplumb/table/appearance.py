@@ -114,16 +114,18 @@ def _on_scan(
         found = still & (np.abs(beyond) < ROW_TOLERANCE_PX) & ahead
         if still.all():
             break
-    first, last = _own_rows(campaign)
+    first, last = _own_rows(campaign, image)
     short = ((beyond < 0.0) & (span[0] > first)) | ((beyond > 0.0) & (span[1] < last))
     reached = np.where(beyond < 0.0, pixel[:, 1] + beyond >= first, pixel[:, 1] + beyond <= last)
     across = (pixel[:, 0] >= -0.5) & (pixel[:, 0] <= columns - 0.5)
     return pixel, found, short & reached & across & ahead
 
 
-def _own_rows(campaign: Campaign) -> tuple[float, float]:
+def _own_rows(campaign: Campaign, image: int) -> tuple[float, float]:
     """First and last row that an image is known to have; none beyond row 0 where its end is not stated."""
-    rows = campaign.camera.size_px[1]
+    rows, table = campaign.camera.size_px[1], campaign.images.table_of(image)
+    if table is not None:
+        return max(-0.5, float(table.row[0]) - 0.5), min(rows - 0.5, float(table.row[-1]) + 0.5)
     return (-0.5, rows - 0.5) if np.isfinite(rows) else (0.0, 0.0)
 
 
@@ -132,15 +134,15 @@ def _rows(campaign: Campaign, image: int) -> tuple[float, float] | None:
     images = campaign.images
     if not campaign.camera.scans or images.line_period_s is None:
         return (0.0, 0.0) if covered(campaign, np.array([image]), np.zeros(1)).all() else None
-    first, last = _own_rows(campaign)
+    first, last = _own_rows(campaign, image)
     nodes = np.linspace(first, last, _NODES) if last > first else _nearest_rows(campaign, image)
     good = covered(campaign, np.full(nodes.size, image), nodes)
     if not good.any():
         return None
     anchor = images.exposed(np.array([image]), nodes[[int(np.argmax(good))]])
     ends_ns = _burst(campaign, anchor)
-    ends = np.sort((ends_ns - images.t_ns[image]) * 1e-9 / images.line_period_s[image])
-    if np.isfinite(campaign.camera.size_px[1]):
+    ends = np.sort(images.row_at(image, ends_ns))
+    if last > first:
         ends = np.clip(ends, first, last)
     return float(ends[0]), float(ends[1])
 

@@ -126,6 +126,19 @@ class Images:
             period[mine] = table.period_s(row[mine])
         return period
 
+    def row_at(self, image: int, t_ns: Epochs) -> Array:
+        """Rows (n,) of an image of a line scanner that are exposed at epochs (n,)."""
+        late_ns, table = t_ns - self.t_ns[image], self.table_of(image)
+        if table is not None:
+            return table.row_at(late_ns)
+        if self.line_period_s is None:
+            raise ValueError("the rows of a frame camera are exposed at once")
+        return np.asarray(1e-9 * late_ns / self.line_period_s[image])
+
+    def table_of(self, image: int) -> RowTimes | None:
+        """The times of an image's rows where they are uneven."""
+        return None if self.row_times is None else self.row_times[image]
+
     def _tables(self, image: Index) -> Iterator[tuple[Index, RowTimes]]:
         """The tables of uneven rows, and which of the images (n,) each is of."""
         for i, table in enumerate(self.row_times or ()):

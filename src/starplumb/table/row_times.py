@@ -39,6 +39,14 @@ class RowTimes:
         """Duration (n,) of rows (n,)."""
         return np.asarray(1e-9 * self._period_ns[self._step(row)])
 
+    def row_at(self, late_ns: ArrayLike) -> Array:
+        """Rows (n,) exposed at nanoseconds (n,) after the image's epoch."""
+        late = np.asarray(late_ns, dtype=np.int64)
+        sign = 1 if self.late_ns[-1] > self.late_ns[0] else -1
+        at = np.searchsorted(sign * self.late_ns, sign * late, side="right") - 1
+        at = np.clip(at, 0, self.row.size - 2)
+        return np.asarray(self.row[at] + (late - self.late_ns[at]) / self._period_ns[at])
+
     @property
     def mean_period_s(self) -> float:
         """From the first row to the last."""

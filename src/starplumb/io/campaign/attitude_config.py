@@ -77,6 +77,9 @@ class AttitudeConfig(TimedKeys):
     kernels: Annotated[tuple[str, ...], BeforeValidator(_names)] = Field(
         default=(), description="a list of names of the SPICE kernels that a C-kernel needs (SCLK, FK)"
     )
+    object: Text | None = Field(
+        default=None, description="the satellite's name or number in a file that holds several"
+    )
     sigma_arcsec: Sigma | None = Field(
         default=None, description="one number or three about the star tracker's axes"
     )

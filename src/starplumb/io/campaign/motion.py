@@ -94,21 +94,22 @@ def read_attitude(
     """The attitude as C_EF of the section ``key``, E the star tracker's frame and F the Earth's or the inertial one."""
     form = None if isinstance(source, Frame) else recognised(source, ATTITUDES)
     if form is None or isinstance(source, Frame):
-        _require_kernels_used(source, kernels, key, "table")
+        _require_used(source, config, key, "table", "kernels", "object")
         return _attitude_table(source, config, scale, notices, key)
-    if form.name != "SPICE CK":
-        _require_kernels_used(source, kernels, key, form.name)
+    unused = {"SPICE CK": ("object",), "ORBEX": ("kernels",), "CCSDS AEM": ("kernels",)}
+    _require_used(source, config, key, form.name, *unused.get(form.name, ("kernels", "object")))
     _require_no_table_keys(form.name, source, config, key)
-    table = form.read(source, Asked(frame=config.tracker, kernels=kernels))
+    table = form.read(source, Asked(config.object, frame=config.tracker, kernels=kernels))
     notices += table.notices
     return _standard_attitude(source, config, table, notices, key)
 
 
-def _require_kernels_used(source: TableSource, kernels: tuple[Path, ...], key: str, kind: str) -> None:
-    if kernels:
-        raise InputError(
-            f"{source}: found a {kind} beside {key}.kernels, wanted them beside a SPICE C-kernel only"
-        )
+def _require_used(source: TableSource, config: AttitudeConfig, section: str, kind: str, *keys: str) -> None:
+    """Raise InputError where a key is stated that a file of this kind has no use for."""
+    purpose = {"kernels": "beside a SPICE C-kernel", "object": "where the file names its satellites"}
+    for key in keys:
+        if key in config.model_fields_set:
+            raise InputError(f"{source}: found a {kind} beside {section}.{key}, wanted it {purpose[key]}")
 
 
 def earth_fixed(

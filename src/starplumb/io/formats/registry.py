@@ -118,10 +118,16 @@ def _read_oem(path: Path, asked: Asked) -> EphemerisTable:
     from .oem import read_oem
 
     table = read_oem(path)
-    if asked.object not in (None, table.object_name, table.object_id):
-        found = f"found the object {show(table.object_name)} ({show(table.object_id)})"
-        raise InputError(f"{path}: {found}, wanted {show(asked.object)} as ephemeris.object says")
+    _require_object(path, table, asked.object, "ephemeris")
     return table
+
+
+def _require_object(
+    path: Path, table: EphemerisTable | AttitudeTable, wanted: str | None, section: str
+) -> None:
+    if wanted not in (None, table.object_name, table.object_id):
+        found = f"found the object {show(table.object_name)} ({show(table.object_id)})"
+        raise InputError(f"{path}: {found}, wanted {show(wanted)} as {section}.object says")
 
 
 def _read_sp3(path: Path, asked: Asked) -> EphemerisTable:
@@ -155,11 +161,19 @@ def _read_spk(path: Path, asked: Asked) -> EphemerisTable:
 def _read_aem(path: Path, asked: Asked) -> AttitudeTable:
     from .aem import read_aem
 
-    return read_aem(path)
+    table = read_aem(path)
+    _require_object(path, table, asked.object, "attitude")
+    return table
+
+
+def _read_orbex(path: Path, asked: Asked) -> AttitudeTable:
+    from .attitudes.orbex import read_orbex
+
+    return read_orbex(path, asked.object)
 
 
 def _read_ck(path: Path, asked: Asked) -> AttitudeTable:
-    from .ck import read_ck
+    from .attitudes.ck import read_ck
 
     return read_ck(path, asked.kernels, asked.frame)
 
@@ -190,5 +204,6 @@ ORBITS: tuple[Format[EphemerisTable], ...] = (
 ATTITUDES: tuple[Format[AttitudeTable], ...] = (
     Format("CCSDS AEM", _ccsds("AEM"), _read_aem, (".aem", ".xml")),
     Format("SPICE CK", _starts_with("DAF/CK"), _read_ck, (".bc",)),
+    Format("ORBEX", _starts_with("%=ORBEX"), _read_orbex, (".obx",)),
     Format("STK attitude", _stk("Attitude"), _read_stk_attitude, (".a",)),
 )

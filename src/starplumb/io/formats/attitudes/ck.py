@@ -18,12 +18,12 @@ from types import ModuleType
 
 import numpy as np
 
-from ...physics import so3
-from ...physics.errors import InputError
-from ..text.files import read_beginning, show, unpacked_file
-from .quaternions import unit
-from .series_tables import AttitudeTable, EpochArray, FloatArray
-from .spice import loaded, spiceypy_module, t_ns_of_tdb
+from ....physics import so3
+from ....physics.errors import InputError
+from ...text.files import read_beginning, show, unpacked_file
+from ..quaternions import unit
+from ..series_tables import AttitudeTable, EpochArray, FloatArray
+from ..spice import loaded, spiceypy_module, t_ns_of_tdb
 
 CK_START = "DAF/CK"
 _DISCRETE = (1, 3)
