@@ -1,10 +1,11 @@
 """DIMAP metadata of line scanners: Pleiades 1A/1B, SPOT 6/7, Pleiades Neo and kin, as they come with sensor images.
 
-Two layouts are read: that of production (``Sensor_Model_Characteristics``), which also has the telemetry, and the
-delivered one of version 2 (``Refined_Model``).  The vendor counts rows and columns from 1; row 1 is exposed at START.
-His camera axes V have x along track and z down, his look direction is ``(tan PsiY, -tan PsiX, 1)``, his quaternions
-take V to ITRF and stand scalar first.  Orbits are Lagrange interpolations of his positions of degree 7; velocities
-are not read (some products state them inertial, some relative to the turning Earth).
+Two layouts are read here: that of production (``Sensor_Model_Characteristics``), which also has the telemetry, and the
+delivered one of version 2 (``Refined_Model``); version 1, of SPOT 1 to 5, is read in :mod:`.spot_dimap`.
+The vendor counts rows and columns from 1; row 1 is exposed at START.  His camera axes V have x along track and z down,
+his look direction is ``(tan PsiY, -tan PsiX, 1)``, his quaternions take V to ITRF and stand scalar first.  Orbits are
+Lagrange interpolations of his positions of degree 7; velocities are not read (some products state them inertial, some
+relative to the turning Earth).
 """
 
 from __future__ import annotations
@@ -16,11 +17,12 @@ import numpy as np
 
 from ...physics.light import Corrections
 from ...physics.timescales import format_iso
-from ...physics.units import DEG
 from ..text.files import show
 from ..text.tree import Array, Epochs, Node, read_xml, require_increasing
 from .dimap_attitude import AttitudeSamples, quaternion_list, sampled_polynomial, telemetry
-from .vendor import C_KV, AttitudeChoice, Corners, Detectors, Product
+from .dimap_frame import corners_of
+from .spot_dimap import LOOK_ANGLES, read_spot
+from .vendor import C_KV, AttitudeChoice, Detectors, Product
 
 _METRE = {"m": 1.0}
 _PERIODS = {"s": 1.0, "ms": 1e-3, "millisecond": 1e-3, "us": 1e-6, "microsecond": 1e-6}
@@ -102,6 +104,8 @@ def read_dimap(path: Path, attitude: AttitudeChoice = "vendor", band: str | None
     Raises InputError for what is missing, contradicts itself or would have to be guessed.
     """
     root = read_xml(path)
+    if root.find(LOOK_ANGLES) is not None:
+        return read_spot(root, attitude, band)
     layout = _layout(root)
     model = root.need(layout.model)
     _require_systems(root, layout, model)
@@ -127,7 +131,9 @@ def read_dimap(path: Path, attitude: AttitudeChoice = "vendor", band: str | None
         frame=chosen.frame,
         C_EK=C_KV.mT,
         corrections=Corrections(light_time=not own, aberration=not own, refraction=False),
-        corners=_corners(root),
+        corners=corners_of(
+            root.find("Product_Frame/Dataset_Frame") or root.find("Dataset_Content/Dataset_Extent")
+        ),
         notices=(*_row_times(root, timing), *chosen.notices),
     )
 
@@ -275,6 +281,8 @@ def _look_angles(model: Node, band: str | None) -> Node:
     if direct is not None:
         return direct
     bands = instrument.need("Band_Calibration_List").all("Band_Calibration")
+    if len({tuple(_written(node)) for node in bands}) == 1 and not band:
+        bands = bands[:1]
     named = {node.need("BAND_ID").text: node for node in bands} if len(bands) > 1 or band else {}
     if band in named:
         return named[band].need("Polynomial_Look_Angles")
@@ -282,6 +290,11 @@ def _look_angles(model: Node, band: str | None) -> Node:
         found = f"the bands {', '.join(named)}"
         raise instrument.error(found, f"one of them as band{f' (not {show(band)})' if band else ''}")
     return instrument.need("Band_Calibration_List/Band_Calibration/Polynomial_Look_Angles")
+
+
+def _written(node: Node) -> list[str]:
+    """All numbers of a band's look angles, as they are written."""
+    return [child.tag + (child.text or "").strip() for child in node.need("Polynomial_Look_Angles").element]
 
 
 def _series(angles: Node, name: str) -> Array:
@@ -292,18 +305,3 @@ def _series(angles: Node, name: str) -> Array:
     for node in values:
         node.unit({"": 1.0, "1": 1.0, "none": 1.0})
     return np.array([node.number() for node in values])
-
-
-def _corners(root: Node) -> Corners | None:
-    """The image's corners and centre; the production layout does not say their heights."""
-    frame = root.find("Product_Frame/Dataset_Frame") or root.find("Dataset_Content/Dataset_Extent")
-    nodes = [*frame.all("Vertex"), *frame.all("Center")] if frame else []
-    if any(node.find("COL") is None or node.find("ROW") is None for node in nodes) or not nodes:
-        return None
-    lon, lat, column, row = (
-        np.array([node.need(key).number() for node in nodes]) for key in ("LON", "LAT", "COL", "ROW")
-    )
-    heights = [node.find("H") for node in nodes]
-    height = np.array([np.nan if node is None else node.number() for node in heights])
-    names = tuple(node.place.rpartition("/")[2].lower() for node in nodes)
-    return Corners(names, DEG * lat, DEG * lon, height, column - 1.0, row - 1.0)
