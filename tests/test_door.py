@@ -23,7 +23,7 @@ from helpers import CAMPAIGN, FILES, write_good_campaign
 from starplumb.physics import so3
 from starplumb.physics.units import ARCSEC
 from starplumb.session.frames import Frame
-from starplumb.session.location import place, view_of
+from starplumb.session.ground.location import place, view_of
 
 PACKAGE = Path(sp.__file__).parent
 

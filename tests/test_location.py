@@ -17,7 +17,7 @@ from command import starplumb
 from helpers import ATTITUDE, CAMPAIGN, write_good_campaign
 from starplumb.ground.terrain import slopes
 from starplumb.physics.units import ARCSEC
-from starplumb.session.location import place, view_of
+from starplumb.session.ground.location import place, view_of
 
 SHARED = CAMPAIGN.replace("sigma_m = 3.0", 'sigma_m = 3.0\nshared_by = "image"').replace(
     "sigma_arcsec = [5.0, 5.0, 12.0]", 'sigma_arcsec = [5.0, 5.0, 12.0]\nshared_by = "image"'

@@ -12,9 +12,9 @@ from .session.comparison import Comparison as Comparison
 from .session.comparison import compare as compare
 from .session.diagnosis import Diagnosis as Diagnosis
 from .session.diagnosis import diagnose as diagnose
-from .session.location import locate as locate
-from .session.projection import Projection as Projection
-from .session.projection import project as project
+from .session.ground.location import locate as locate
+from .session.ground.projection import Projection as Projection
+from .session.ground.projection import project as project
 from .session.result import Result as Result
 from .session.scenario import Scenario as Scenario
 from .session.scenario import scenario as scenario

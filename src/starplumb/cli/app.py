@@ -14,6 +14,7 @@ from .diagnose import diagnose
 from .files.import_ import import_
 from .files.init import init
 from .files.points import points
+from .files.schema import schema
 from .locate import locate
 from .project import project
 from .reproduce import reproduce
@@ -45,7 +46,7 @@ def _options(
 
 for command in (
     *(init, import_, calibrate, compare, diagnose, locate, project, points),
-    *(simulate, budget, reproduce),
+    *(simulate, budget, reproduce, schema),
 ):
     # a negative number is no option
     numbers = {"ignore_unknown_options": True} if command is project else None

@@ -74,7 +74,7 @@ def locate(
     """
     from ..physics.errors import InputError
     from ..session.campaign import read_campaign
-    from ..session.location import place, view_of, write_grid
+    from ..session.ground.location import place, view_of, write_grid
 
     pixel = None if column is None or row is None else (column, row)
     if (pixel is None) == (grid is None):

@@ -82,8 +82,8 @@ def project(
     """
     from ..physics.errors import InputError
     from ..session.campaign import read_campaign
-    from ..session.projection import PIXELS
-    from ..session.projection import project as run
+    from ..session.ground.projection import PIXELS
+    from ..session.ground.projection import project as run
 
     speak = Output(json, quiet, verbose)
     found = read_campaign(campaign, outside.value)

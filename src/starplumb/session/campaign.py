@@ -139,12 +139,17 @@ def demo(camera: Literal["frame", "line-scan"] = "frame", images: Count = 8, see
 
 
 def write_demo(
-    folder: Path, camera: Literal["frame", "line-scan"] = "frame", images: int = 8, seed: int = 1
+    folder: Path,
+    camera: Literal["frame", "line-scan"] = "frame",
+    images: int = 8,
+    seed: int = 1,
+    schema: str = "",
 ) -> tuple[Path, Physics]:
-    """Write the example into a folder; the path of its ``campaign.toml``, and what it holds."""
+    """Write the example into a folder, with a JSON schema if given; the path of its ``campaign.toml``, and what it
+    holds."""
     from ..io.campaign.write import write_campaign
     from ..plan.demo import demo as simulated
 
     campaign, C_EK_true = simulated(camera, images, seed)
-    write_campaign(folder, campaign, C_EK_true=C_EK_true)
+    write_campaign(folder, campaign, C_EK_true=C_EK_true, schema=schema)
     return folder / "campaign.toml", campaign

@@ -23,26 +23,57 @@ def init(
     camera: Annotated[Kind, typer.Option("--camera", help="Camera of the example.")] = Kind.FRAME,
     images: Annotated[int, typer.Option("--images", min=1, max=40, help="Number of images.")] = 8,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the simulated errors.")] = 1,
+    template: Annotated[
+        bool, typer.Option("--template", help="A campaign without data, with every key explained.")
+    ] = False,
+    scenario: Annotated[
+        str | None,
+        typer.Option("--scenario", help="A copy of a shipped scenario to edit, by its name.", metavar="NAME"),
+    ] = None,
     json: Json = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
-    """Write a ready campaign of simulated data whose true alignment is known.
+    """Write a ready campaign of simulated data whose true alignment is known, or an empty one, or a scenario.
 
-    Example:
+    The first line of what is written names its JSON schema, which lies beside it: editors that know it complete keys,
+    explain them and mark mistakes.
 
+    Examples:
+
+      \b
       starplumb init demo && starplumb calibrate demo/campaign.toml
+
+      \b
+      starplumb init mine --template
+
+      \b
+      starplumb init study --scenario two-images && starplumb budget study/scenario.toml
     """
     from ...physics.errors import InputError
+    from ...session.beginning import require_new, schema_text, write_scenario, write_template
     from ...session.campaign import write_demo
 
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise InputError(f"{folder}: found something there already, wanted a new or empty folder")
-    path, data = write_demo(folder, camera.value, images, seed)
+    if template and scenario is not None:
+        raise InputError("--scenario: found beside --template, wanted only one of the two")
+    require_new(folder)
     speak = Output(json, quiet, verbose)
-    speak.document({"campaign": str(path), "images": images, "observations": int(data.sightings.image.size)})
+    if template:
+        path = write_template(folder)
+        speak.document({"campaign": str(path)})
+        told = [f"wrote {path} and its tables, to be filled in", f"next: starplumb check {path}"]
+    elif scenario is not None:
+        path = write_scenario(folder, scenario)
+        speak.document({"scenario": str(path)})
+        told = [f"wrote {path}", f"next: starplumb budget {path}"]
+    else:
+        path, data = write_demo(folder, camera.value, images, seed, schema_text("campaign"))
+        speak.document(
+            {"campaign": str(path), "images": images, "observations": int(data.sightings.image.size)}
+        )
+        told = [
+            f"wrote {path}: {images} images of {len(data.landmarks.ids)} markers, the true mounting known",
+            f"next: starplumb calibrate {path}",
+        ]
     speak.detail(*(f"wrote {file}" for file in sorted(folder.iterdir())))
-    speak.show(
-        f"wrote {path}: {images} images of {len(data.landmarks.ids)} markers, the true mounting known",
-        f"next: starplumb calibrate {path}",
-    )
+    speak.show(*told)

@@ -35,14 +35,16 @@ def write_campaign(
     comment: str = "",
     C_EK_true: Array | None = None,
     detections: Detections | None = None,
+    schema: str = "",
 ) -> Path:
     """Write a campaign that :func:`starplumb.io.campaign.read.load_campaign` reads back, all files or none.
 
-    Numbers are written with all their digits (landmark sigmas: 12) and times to the nanosecond; positions are
-    in the frame of their sigmas. ``comment`` heads campaign.toml; ``C_EK_true`` is noted there as the truth
-    of a simulation, which nothing but the display of results may use; ``detections`` are written in place of
-    the sightings. Returns the path of campaign.toml. Raises ValueError for landmark covariances that are not
-    along east, north, up, and for an attitude covariance that is not along E's axes.
+    Numbers are written with all their digits (landmark sigmas: 12) and times to the nanosecond; positions are in
+    the frame of their sigmas. ``comment`` heads campaign.toml; ``C_EK_true`` is noted there as the truth of a
+    simulation, which nothing but the display of results may use; ``detections`` are written in place of the
+    sightings; ``schema`` is a JSON schema to lie beside campaign.toml. Returns the path of campaign.toml. Raises
+    ValueError for landmark covariances that are not along east, north, up, and for an attitude covariance that is
+    not along E's axes.
     """
     files = {
         "ephemeris.csv": _ephemeris(campaign, time_scale),
@@ -64,6 +66,9 @@ def write_campaign(
     if C_EK_true is not None:
         sections = [*sections, ("truth", {"quaternion_xyzw": so3.to_quaternion(C_EK_true)})]
     files["campaign.toml"] = document_text(sections, comment)
+    if schema:
+        files["campaign.toml"] = f"#:schema campaign.schema.json\n{files['campaign.toml']}"
+        files["campaign.schema.json"] = schema
     publish(folder, files)
     return folder / "campaign.toml"
 

@@ -27,7 +27,7 @@ def _numbers(wanted: str) -> BeforeValidator:
             raise wrong(value, wanted)
         return vector(len(items), wanted)(items)
 
-    return BeforeValidator(check)
+    return BeforeValidator(check, json_schema_input_type=float | list[float])
 
 
 def _rows(width: int, wanted: str) -> BeforeValidator:
@@ -59,6 +59,7 @@ def _heights(value: object) -> tuple[float, ...]:
     return vector(2, "a height in metres, or the lowest and the highest")(items)
 
 
+_OneOrTwo = float | tuple[float, float]
 Numbers = Annotated[tuple[float, ...], _numbers("one number or a list of numbers")]
 Latitude = Annotated[float, BeforeValidator(number("degrees between -90 and 90", lambda x: abs(x) <= 90.0))]
 Finite = Annotated[float, BeforeValidator(number("a number"))]
@@ -200,12 +201,12 @@ class MarkersConfig(Section):
     on: Annotated[Literal["site", "image"], choice("site", "image")] = Field(
         default="site", description='"site" or "image"'
     )
-    count: Annotated[tuple[int, ...], BeforeValidator(_count)] | None = Field(
-        default=None, description="how many (grid: columns and rows)"
-    )
-    extent_km: Annotated[tuple[float, float], BeforeValidator(_extent)] | None = Field(
-        default=None, description="the width and height of the layout (ring: its diameter), km"
-    )
+    count: (
+        Annotated[tuple[int, ...], BeforeValidator(_count, json_schema_input_type=int | list[int])] | None
+    ) = Field(default=None, description="how many (grid: columns and rows)")
+    extent_km: (
+        Annotated[tuple[float, float], BeforeValidator(_extent, json_schema_input_type=_OneOrTwo)] | None
+    ) = Field(default=None, description="the width and height of the layout (ring: its diameter), km")
     extent: Part | None = Field(
         default=None, description="the part of the image that the layout fills, at most 1"
     )
@@ -213,8 +214,8 @@ class MarkersConfig(Section):
         Field(default=None, description="rows of two offsets from the site, east and north, km")
     )
     file: Text | None = Field(default=None, description="the name of a file of landmarks")
-    height_m: Annotated[tuple[float, float], BeforeValidator(_heights)] = Field(
-        default=(0.0, 0.0), description="the height above the ellipsoid, or the lowest and highest, m"
+    height_m: Annotated[tuple[float, float], BeforeValidator(_heights, json_schema_input_type=_OneOrTwo)] = (
+        Field(default=(0.0, 0.0), description="the height above the ellipsoid, or the lowest and highest, m")
     )
 
     @classmethod

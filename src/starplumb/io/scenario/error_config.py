@@ -9,7 +9,7 @@ from pydantic import BeforeValidator, Field
 
 from ..text.files import show
 from ..text.sections import Section, wrong
-from ..text.values import Positive, Quaternion, Sigma, Text, Triple, choice, number, one_or_three
+from ..text.values import OneOrThree, Positive, Quaternion, Sigma, Text, Triple, choice, number, one_or_three
 
 NotNegative = Annotated[float, BeforeValidator(number("a number, not negative", lambda x: x >= 0.0))]
 Fraction = Annotated[float, BeforeValidator(number("a number between 0 and 1", lambda x: 0.0 <= x <= 1.0))]
@@ -106,9 +106,9 @@ class ErrorConfig(Section):
         default=None, description='who shares one draw: "image", "pass", "session", "campaign" or "marker"'
     )
     tracker: Text | None = Field(default=None, description="the name of one of the [[trackers]]")
-    harmonics: Annotated[tuple[int, ...], BeforeValidator(_harmonics)] = Field(
-        default=(1,), description="multiples of the argument of latitude, such as [1, 2]"
-    )
+    harmonics: Annotated[
+        tuple[int, ...], BeforeValidator(_harmonics, json_schema_input_type=int | list[int])
+    ] = Field(default=(1,), description="multiples of the argument of latitude, such as [1, 2]")
     frame: Annotated[Literal["ITRF", "GCRF", "orbital"], choice("ITRF", "GCRF", "orbital")] = Field(
         default="ITRF", description='"ITRF", "GCRF" or "orbital"'
     )
@@ -154,7 +154,10 @@ class InitialConfig(Section):
     """[initial]: error of the model mounting from which every trial starts."""
 
     sigma_arcsec: Annotated[
-        tuple[float, float, float], BeforeValidator(one_or_three("one number or three", lambda x: x >= 0.0))
+        tuple[float, float, float],
+        BeforeValidator(
+            one_or_three("one number or three", lambda x: x >= 0.0), json_schema_input_type=OneOrThree
+        ),
     ] = Field(default=(0.0, 0.0, 0.0), description="its sigma about E's axes, one number or three")
     distribution: Annotated[
         Literal["gaussian", "uniform", "student"], choice("gaussian", "uniform", "student")

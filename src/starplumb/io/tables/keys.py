@@ -80,9 +80,10 @@ class TableKeys(Section):
     columns: dict[str, Text] = Field(
         default_factory=dict, description='our names of columns with the table\'s, { time = "epoch" }'
     )
-    keep: dict[str, Annotated[tuple[Value, ...], BeforeValidator(_values)]] = Field(
-        default_factory=dict, description='values that a row must have to be used, { mode = "FINE" }'
-    )
+    keep: dict[
+        str,
+        Annotated[tuple[Value, ...], BeforeValidator(_values, json_schema_input_type=Value | list[Value])],
+    ] = Field(default_factory=dict, description='values that a row must have to be used, { mode = "FINE" }')
 
     def declared(self, key: str) -> Declared:
         """What is declared of the table, for the section ``key``."""

@@ -8,7 +8,7 @@ from math import isfinite, sqrt
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import BeforeValidator
+from pydantic import BeforeValidator, Field
 
 from .sections import wrong
 
@@ -191,7 +191,13 @@ def _window(value: object) -> tuple[int, ...]:
 
 
 Text = Annotated[str, BeforeValidator(printable)]
-Positive = Annotated[float, BeforeValidator(number("a positive finite number", _positive))]
+Positive = Annotated[
+    float,
+    BeforeValidator(
+        number("a positive finite number", _positive),
+        json_schema_input_type=Annotated[float, Field(gt=0)],
+    ),
+]
 Quaternion = Annotated[tuple[float, float, float, float], BeforeValidator(_unit_quaternion)]
 Matrix = Annotated[tuple[tuple[float, float, float], ...], BeforeValidator(_rotation_matrix)]
 Covariance = Annotated[tuple[tuple[float, float, float], ...], BeforeValidator(_covariance_matrix)]
@@ -199,17 +205,24 @@ Triple = Annotated[tuple[float, float, float], BeforeValidator(vector(3, "three 
 Pair = Annotated[tuple[float, float], BeforeValidator(vector(2, "two finite numbers"))]
 Window = Annotated[tuple[int, int, int, int], BeforeValidator(_window)]
 WholePair = Annotated[tuple[int, int], BeforeValidator(_whole_pair)]
+OneOrThree = float | tuple[float, float, float]
 Sigma = Annotated[
     tuple[float, float, float],
     BeforeValidator(
-        one_or_three("one finite number or three, none negative (0 claims an exact value)", _not_negative)
+        one_or_three("one finite number or three, none negative (0 claims an exact value)", _not_negative),
+        json_schema_input_type=OneOrThree,
     ),
 ]
 Prior = Annotated[
     tuple[float, float, float],
-    BeforeValidator(one_or_three("one positive finite number or three", _positive)),
+    BeforeValidator(
+        one_or_three("one positive finite number or three", _positive), json_schema_input_type=OneOrThree
+    ),
 ]
+_FrameNames = Literal["ITRF", "GCRF", "J2000", "EME2000", "ICRF", "TEME", "TOD", "MOD"]
 _FRAMES = ("ITRF", "GCRF", "TEME", "TOD", "MOD")
 Frame = Annotated[
-    Literal["ITRF", "GCRF", "TEME", "TOD", "MOD"], choice(*_FRAMES), BeforeValidator(frame_name)
+    Literal["ITRF", "GCRF", "TEME", "TOD", "MOD"],
+    choice(*_FRAMES),
+    BeforeValidator(frame_name, json_schema_input_type=_FrameNames),
 ]

@@ -10,23 +10,23 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..documents.numbers import numbers
-from ..ground.projection import Projected, projected
-from ..io.campaign.marks.sites import Sites, one_site, read_sites
-from ..io.gis.heights import Ground, Heights
-from ..io.tables.columns import CARTESIAN, GEODETIC
-from ..io.tables.read import Frame as TableFrame
-from ..io.tables.read import Table, TableSource
-from ..io.text.write import csv_text, write_text
-from ..physics.errors import ArgumentError
-from ..table.appearance import Seen
-from .arguments import Folder, NotNegative, Wanted, checked
-from .campaign import Campaign
-from .frames import Frame
+from ...documents.numbers import numbers
+from ...ground.projection import Projected, projected
+from ...io.campaign.marks.sites import Sites, one_site, read_sites
+from ...io.gis.heights import Ground, Heights
+from ...io.tables.columns import CARTESIAN, GEODETIC
+from ...io.tables.read import Frame as TableFrame
+from ...io.tables.read import Table, TableSource
+from ...io.text.write import csv_text, write_text
+from ...physics.errors import ArgumentError
+from ...table.appearance import Seen
+from ..arguments import Folder, NotNegative, Wanted, checked
+from ..campaign import Campaign
+from ..frames import Frame
+from ..mounting import mounting_of
+from ..result import Result
+from ..show import Shown
 from .location import image_of
-from .mounting import mounting_of
-from .result import Result
-from .show import Shown
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

@@ -10,22 +10,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..documents.numbers import numbers
-from ..ground.geolocation import beside_gaps, block_count, positions, terrain_below
-from ..ground.locate import Location, ground
-from ..ground.terrain import ground_height, slopes
-from ..io.campaign.marks.markers import bounds_px, meant
-from ..io.gis.heights import Heights, Surface
-from ..io.gis.heights import surface as dem_surface
-from ..io.text.files import composed
-from ..physics.errors import ArgumentError, InputError
-from ..physics.units import DEG
-from ..table.coverage import covered, why_not
-from .arguments import NotNegative, checked
-from .campaign import Campaign
-from .mounting import Mounting, mounting_of
-from .result import Result
-from .show import Shown
+from ...documents.numbers import numbers
+from ...ground.geolocation import beside_gaps, block_count, positions, terrain_below
+from ...ground.locate import Location, ground
+from ...ground.terrain import ground_height, slopes
+from ...io.campaign.marks.markers import bounds_px, meant
+from ...io.gis.heights import Heights, Surface
+from ...io.gis.heights import surface as dem_surface
+from ...io.text.files import composed
+from ...physics.errors import ArgumentError, InputError
+from ...physics.units import DEG
+from ...table.coverage import covered, why_not
+from ..arguments import NotNegative, checked
+from ..campaign import Campaign
+from ..mounting import Mounting, mounting_of
+from ..result import Result
+from ..show import Shown
 
 Array = NDArray[np.float64]
 Blocks = Callable[[Iterable[Any], int], Iterable[Any]]
@@ -269,8 +269,8 @@ def write_grid(
 
     ``rows`` is needed for a camera that does not state how many it has.
     """
-    from ..io.gis.geolocation import require_ending
-    from ..io.gis.geolocation import write_grid as write
+    from ...io.gis.geolocation import require_ending
+    from ...io.gis.geolocation import write_grid as write
 
     path = Path(path)
     require_ending(path)
