@@ -155,6 +155,13 @@ def test_a_rival_weakens_and_as_strong_a_one_refutes(ratio, weight):
         assert support().campaign.images.ids[7] in found.sentence
 
 
+def test_images_without_an_offered_sighting_are_counted():
+    s = support(images=4)
+    offered = s.observations.image < 2
+    counted = replace(s, offered=offered, used=offered & (s.observations.image > 0)).counts
+    np.testing.assert_array_equal(counted, [[4, 4, 0, 0], [0, 4, 0, 0]])
+
+
 def test_more_than_a_tenth_of_the_images_rejected_is_weak():
     assert rejected_images(support(out=(3, 4))) is None
     found = rejected_images(support(out=(3, 4, 11)))
@@ -209,6 +216,7 @@ def test_half_of_the_images_turned_alike_refute_the_answer(monkeypatch, rng):
     assert found.sigma_E is None
     assert found.covariance_E is None
     assert found.interval_95_E is None
+    assert found.from_data is None
     np.testing.assert_array_equal(found.C_EK, campaign.C_EK)
     assert len(found.rejected) >= 40
 
