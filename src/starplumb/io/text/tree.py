@@ -131,8 +131,12 @@ class Node:
 
     def epoch(self, scale: str = "UTC") -> int:
         """``t_ns`` of the time written here."""
+        return self.epoch_of(self.text, scale)
+
+    def epoch_of(self, text: str, scale: str = "UTC") -> int:
+        """``t_ns`` of the time ``text``, another writing of the one here."""
         try:
-            return int(parse([self.text], scale)[0])
+            return int(parse([text], scale)[0])
         except EpochError as error:
             raise self.error(show(self.text), f"a time ({error})") from None
 

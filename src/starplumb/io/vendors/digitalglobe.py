@@ -17,19 +17,15 @@ from ...physics import so3
 from ...physics.errors import InputError
 from ...physics.light import Corrections
 from ...physics.units import DEG
-from ..text.files import show
 from ..text.pvl import read_pvl
 from ..text.tree import Array, Epochs, Node, read_xml
 from ..text.values import UNIT_TOLERANCE
 from .digitalglobe_geo import Optics, band_group, mounted, read_optics
+from .digitalglobe_times import timing, true_columns
 from .metadata_files import DIGITALGLOBE
 from .vendor import C_KV, Corners, Product
 
 _INVERSE_XYZW = np.array([-1.0, -1.0, -1.0, 1.0])
-_LINEAR_ROWS = 0.01
-"""How far the table of line times may be from one line period, rows, beyond the microsecond it is written to."""
-_FIRST_LINE_ROWS = 0.1
-_RATE_TOLERANCE = 0.01
 
 
 @dataclass(frozen=True)
@@ -38,6 +34,7 @@ class _Parts:
     att: Node
     eph: Node
     geo: Node | None
+    rpb: Node | None
 
 
 @dataclass(frozen=True)
@@ -62,8 +59,9 @@ def read_digitalglobe(path: Path, optics: Optics | None = None, band: str | None
     goes before it.  Raises InputError for what is missing, contradicts itself or would have to be guessed.
     """
     parts = _parts(path)
-    columns, rows = parts.imd.need("numColumns").whole(2), parts.imd.need("numRows").whole(2)
-    t_ns, period_s = _timing(parts.imd, rows)
+    times = timing(parts.imd)
+    padded = times.rows < parts.imd.need("numRows").whole(2)
+    columns, said = true_columns(parts.imd, parts.rpb, padded)
     orbit = _samples(parts.eph, "ephemList", 6, 3)
     attitude = _samples(parts.att, "attList", 4, 4)
     _require_unit(parts.att, attitude.values)
@@ -77,10 +75,11 @@ def read_digitalglobe(path: Path, optics: Optics | None = None, band: str | None
         path=path,
         name=path.stem if path.suffix.lower() in DIGITALGLOBE else image.need("catId").text,
         columns=columns,
-        rows=rows,
+        rows=times.rows,
         detectors=optics.detectors(columns),
-        t_ns=t_ns,
-        line_period_s=period_s,
+        t_ns=times.t_ns,
+        line_period_s=times.period_s,
+        row_times=times.uneven,
         orbit_t_ns=orbit.t_ns,
         r_J=orbit.values[:, :3],
         v_J=orbit.values[:, 3:],
@@ -89,18 +88,20 @@ def read_digitalglobe(path: Path, optics: Optics | None = None, band: str | None
         frame="ITRF",
         C_EK=C_KV.mT,
         corrections=Corrections(light_time=True, aberration=True, refraction=False),
-        sigma_position=_sigma(orbit.mean_covariance(*_span(t_ns, period_s, rows))),
-        sigma_attitude=_sigma(_turned(attitude).mean_covariance(*_span(t_ns, period_s, rows))),
-        corners=_corners(parts.imd, band, columns, rows),
-        notices=_knowledge(image),
+        sigma_position=_sigma(orbit.mean_covariance(*times.span)),
+        sigma_attitude=_sigma(_turned(attitude).mean_covariance(*times.span)),
+        corners=_corners(parts.imd, band, columns, times.rows),
+        notices=(*times.notices, *said, *_knowledge(image)),
     )
     return product if parts.geo is None else mounted(product, parts.geo)
 
 
 def _parts(path: Path) -> _Parts:
-    if path.suffix.lower() == ".xml":
+    if path.suffix.lower() not in DIGITALGLOBE:
         root = read_xml(path)
-        return _Parts(root.need("IMD"), root.need("ATT"), root.need("EPH"), root.find("GEO"))
+        return _Parts(
+            root.need("IMD"), root.need("ATT"), root.need("EPH"), root.find("GEO"), root.find("RPB")
+        )
     beside = {file.suffix.lower(): file for file in path.parent.glob(f"{_literal(path.stem)}.*")}
     missing = [suffix.upper() for suffix in (".imd", ".att", ".eph") if suffix not in beside]
     if missing:
@@ -108,50 +109,13 @@ def _parts(path: Path) -> _Parts:
             f"{path}: found no {', '.join(missing)} of that name beside it, wanted .IMD, .ATT and .EPH"
         )
     imd, att, eph = (read_pvl(beside[suffix]) for suffix in (".imd", ".att", ".eph"))
-    return _Parts(imd, att, eph, read_pvl(beside[".geo"]) if ".geo" in beside else None)
+    geo, rpb = (read_pvl(beside[suffix]) if suffix in beside else None for suffix in (".geo", ".rpb"))
+    return _Parts(imd, att, eph, geo, rpb)
 
 
 def _literal(name: str) -> str:
     """``name`` for a glob."""
     return "".join(f"[{c}]" if c in "*?[" else c for c in name)
-
-
-def _span(t_ns: int, period_s: float, rows: int) -> tuple[int, int]:
-    """Epochs of the earliest and the latest row."""
-    ends = (t_ns, t_ns + round(1e9 * period_s * (rows - 1)))
-    return min(ends), max(ends)
-
-
-def _timing(imd: Node, rows: int) -> tuple[int, float]:
-    """Epoch of row 0 and line period, negative where later rows are earlier, of a table that must be linear."""
-    image = imd.need("IMAGE")
-    rate = image.need("avgLineRate").positive()
-    listed = image.need("TLCListList").all("TLCList")
-    if len(listed) < 2:
-        raise image.need("TLCListList").error(
-            "the time of one row", "those of two, which show the way of the scan"
-        )
-    row, seconds = np.stack([node.numbers(2) for node in listed]).mT
-    if np.any(np.diff(row) <= 0.0):
-        raise image.need("TLCListList").error("rows that do not increase", "a table of the times of rows")
-    period = float((seconds[-1] - seconds[0]) / (row[-1] - row[0]))
-    if not abs(abs(period) * rate - 1.0) <= _RATE_TOLERANCE:
-        raise image.need("avgLineRate").error(
-            f"{rate:g} rows a second", f"{1 / period:.6g}, the rate of the TLCList"
-        )
-    off = np.abs(seconds - seconds[0] - period * (row - row[0]))
-    if off.max() > _LINEAR_ROWS * abs(period) + 1e-6:
-        worst = int(np.argmax(off))
-        raise listed[worst].error(
-            f"row {row[worst]:g} {off[worst] / abs(period):.3g} rows away from a steady scan",
-            f"one line period for all {rows} rows",
-        )
-    t_ns = image.need("TLCTime").epoch() + round(1e9 * (float(seconds[0]) - period * float(row[0])))
-    first = image.need("firstLineTime")
-    away = (first.epoch() - t_ns) * 1e-9
-    if abs(away) > _FIRST_LINE_ROWS * abs(period) + 1e-6:
-        raise first.error(f"{show(first.text)}, {away:.6g} s after row 0 of the TLCList", "the same epoch")
-    return t_ns, period
 
 
 def _samples(part: Node, key: str, count: int, size: int) -> _Samples:
@@ -201,8 +165,13 @@ def _sigma(covariance: Array) -> Array | None:
     return np.asarray(np.sqrt(variance)) if np.all(variance > 0.0) else None
 
 
-def _corners(imd: Node, band: str, columns: int, rows: int) -> Corners:
-    """The image's four corners, the centres of its corner pixels, with their heights above the ellipsoid."""
+def _corners(imd: Node, band: str, columns: int, rows: int) -> Corners | None:
+    """The image's four corners, the centres of its corner pixels, with their heights above the ellipsoid.
+
+    Programs that join the parts of a strip may leave them out.
+    """
+    if not any(child.tag.upper().startswith("BAND_") for child in imd.element):
+        return None
     group = band_group(imd, band)
     names = ("UL", "UR", "LR", "LL")
     lon, lat, height = (

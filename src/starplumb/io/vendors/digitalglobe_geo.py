@@ -60,7 +60,10 @@ def band_group(parent: Node, band: str) -> Node:
 
 
 def read_optics(geo: Node, band: str) -> Optics:
-    """Optics of a band. Raises InputError for terms whose convention is not published, and for staggered arrays."""
+    """Optics of a band. Raises InputError for terms whose convention is not published, and for staggered arrays.
+
+    ``detRotAngle`` is in degrees, and turns the line of detectors from -y of V to x.
+    """
     for key in ("aList", "bList"):
         listed = geo.find(f"OPTICAL_DISTORTION/{key}List")
         for row in listed.all(key) if listed else []:
@@ -68,15 +71,11 @@ def read_optics(geo: Node, band: str) -> Optics:
                 raise row.error(f"an optical distortion, {show(row.text)}", "none, or the optics stated")
     mounting = geo.need("DETECTOR_MOUNTING")
     array = band_group(mounting, band).one("DETECTOR_ARRAY")
-    rotation = array.need("detRotAngle")
-    if rotation.number() != 0.0:
-        raise rotation.error(
-            show(rotation.text), "0, or the optics stated (its unit and sign are not published)"
-        )
     return Optics(
         principal_distance_mm=geo.need("PRINCIPAL_DISTANCE/pd").positive(),
         pitch_mm=array.need("detPitch").positive(),
         origin_mm=(array.need("detOriginX").number(), array.need("detOriginY").number()),
+        rotation_deg=array.need("detRotAngle").number(),
     )
 
 
@@ -89,7 +88,7 @@ def mounted(product: Product, geo: Node) -> Product:
         raise attitude.error(f"a quaternion of norm {np.linalg.norm(q):.6g}", "norm 1")
     center = geo.need("PERSPECTIVE_CENTER")
     arm_E = np.array([center.need(f"c{axis}").number() for axis in "xyz"])
-    product = replace(product, C_EK=so3.from_quaternion(q) @ C_KV.mT)
+    product = replace(product, C_EK=so3.from_quaternion(q) @ C_KV.mT, own_mounting=True)
     return _moved(product, arm_E) if np.any(arm_E != 0.0) else product
 
 

@@ -130,6 +130,7 @@ def read_dimap(path: Path, attitude: AttitudeChoice = "vendor", band: str | None
         q_EF=chosen.q_EF,
         frame=chosen.frame,
         C_EK=C_KV.mT,
+        own_mounting=own,
         corrections=Corrections(light_time=not own, aberration=not own, refraction=False),
         corners=corners_of(
             root.find("Product_Frame/Dataset_Frame") or root.find("Dataset_Content/Dataset_Extent")

@@ -15,7 +15,6 @@ DIGITALGLOBE = (".imd", ".att", ".eph", ".geo")
 _ROOT = re.compile(r"<(\w+)[\s>]")
 _MOST_DEEP = 3
 """Folders below the one that is named: a volume, a product in it, an image in that."""
-_TILE = re.compile(r"[-_]R\d+C\d+", re.IGNORECASE)
 
 
 def vendor_of(path: Path) -> Vendor:
@@ -57,8 +56,7 @@ def one_metadata_file(path: Path) -> Path:
 def metadata_files(folder: Path) -> list[Path]:
     """The files in a folder, and in the folders in it, that describe an image each.
 
-    An XML file with the name of an .IMD says the same again; tiles R1C1, R1C2 ... of one image are described together,
-    by the first of them.
+    An XML file with the name of an .IMD says the same again.
     """
     every = [
         file for file in sorted(folder.rglob("*")) if len(file.relative_to(folder).parts) <= _MOST_DEEP + 1
@@ -71,10 +69,7 @@ def metadata_files(folder: Path) -> list[Path]:
         and file.with_suffix("").as_posix().lower() not in text
         and _describes_an_image(file)
     ]
-    images: dict[str, Path] = {}
-    for file in [*text.values(), *described]:
-        images.setdefault(_TILE.sub("", file.with_suffix("").as_posix()).lower(), file)
-    return list(images.values())
+    return [*text.values(), *described]
 
 
 def _describes_an_image(path: Path) -> bool:

@@ -7,10 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
+from ...estimators.gls import Gls
 from ...physics.errors import EpochError, InputError
 from ...physics.timescales import format_iso
 from ...table.campaign import Campaign, Landmarks, Sightings
-from ...table.geometry import locate
+from ...table.geometry import locate, observe
 from ..campaign.marks.landmarks import read_landmarks
 from ..campaign.marks.markers import Grid, read_observations
 from ..campaign.write import write_campaign
@@ -18,11 +19,13 @@ from .digitalglobe import read_digitalglobe
 from .digitalglobe_geo import Optics
 from .dimap import read_dimap
 from .metadata_files import one_metadata_file, vendor_of
-from .vendor import AttitudeChoice, Product, Sigma
+from .vendor import AttitudeChoice, Corners, Product, Sigma
 
 CORNER_LIMIT_M = 50_000.0
 """A product whose model misses its own corners by more than this was read wrongly: neither a nominal mounting nor the
 unknown height of a corner explains that much."""
+CORNERS_AGREE_M = 20.0
+"""Corners farther than this from the geometry that located them, but for the turn of a mounting, are not to be used."""
 
 
 def read_product(
@@ -105,13 +108,10 @@ def _corner_check(product: Product, campaign: Campaign) -> list[str]:
     corners = product.corners
     if corners is None:
         return []
-    image = np.zeros(len(corners.names), dtype=np.int64)
-    height = np.nan_to_num(corners.height)
     try:
-        met = locate(campaign, product.C_EK, image, corners.column_px, corners.row_px, height)
+        worst = _missed(product, campaign, corners)
     except EpochError:
         return []  # rows that the attitude does not cover are already reported
-    worst = float(np.max(np.linalg.norm(met - corners.r_J, axis=-1)))
     if not worst <= CORNER_LIMIT_M:
         found = (
             f"its corners {worst / 1e3:.0f} km"
@@ -124,6 +124,20 @@ def _corner_check(product: Product, campaign: Campaign) -> list[str]:
     if not corners.have_heights:
         return []
     return [f"{product.path}: with the model mounting its own corners are met within {worst:.4g} m"]
+
+
+def _missed(product: Product, campaign: Campaign, corners: Corners) -> float:
+    """How far the model is from the worst of the corners, m."""
+    image, height = np.zeros(len(corners.names), dtype=np.int64), np.nan_to_num(corners.height)
+    met = locate(campaign, product.C_EK, image, corners.column_px, corners.row_px, height)
+    return float(np.max(np.linalg.norm(met - corners.r_J, axis=-1)))
+
+
+def _contradiction(product: Product, missed: float) -> InputError:
+    return InputError(
+        f"{product.path}: found corners that the product's own geometry misses by {missed:.4g} m, wanted ones within "
+        f"{CORNERS_AGREE_M:g} m: their pixels or heights are not those of this image; use landmarks of your own"
+    )
 
 
 def _with_landmarks(
@@ -159,12 +173,14 @@ def _with_corners(product: Product, campaign: Campaign, sigma_m: float, sigma_px
     corners = product.corners
     if corners is None or not corners.have_heights:
         raise InputError(f"{product.path}: found no corners with heights, wanted a table of landmarks")
+    if product.own_mounting and (missed := _missed(product, campaign, corners)) > CORNERS_AGREE_M:
+        raise _contradiction(product, missed)
     for name, sigma in (("sigma_m", sigma_m), ("sigma_px", sigma_px)):
         if not (np.isfinite(sigma) and sigma > 0.0):
             raise InputError(f"corners: found the {name} {sigma:g}, wanted a positive number")
     c = len(corners.names)
     covariance = np.broadcast_to(sigma_m**2 * np.eye(3), (c, 3, 3))
-    return replace(
+    cornered = replace(
         campaign,
         landmarks=Landmarks(corners.names, corners.r_J, np.array(covariance)),
         sightings=Sightings(
@@ -176,3 +192,8 @@ def _with_corners(product: Product, campaign: Campaign, sigma_m: float, sigma_px
             np.zeros(c, dtype=np.bool_),
         ),
     )
+    if not product.own_mounting:
+        turned = replace(product, C_EK=Gls()(observe(cornered), product.C_EK).C_EK)
+        if (missed := _missed(turned, campaign, corners)) > CORNERS_AGREE_M:
+            raise _contradiction(product, missed)
+    return cornered

@@ -18,6 +18,7 @@ from ...physics.orientation import EarthOrientation
 from ...physics.series import Attitude, Ephemeris
 from ...physics.units import ARCSEC
 from ...table.campaign import Campaign, Images, Landmarks, Sightings
+from ...table.row_times import RowTimes
 from ..text.files import show
 
 Array = NDArray[np.float64]
@@ -75,8 +76,9 @@ class Product:
     """One image of one line scanner.
 
     ``q_EF`` (n, 4) takes ``frame`` to E, the axes in which the attitude is given; ``C_EK`` is the mounting as the
-    product states it, or the turn of the axes alone. Row r is exposed at ``t_ns + r line_period_s``; a scan against
-    the count of the rows has a negative period. Sigmas are those the product states, rad and m.
+    product states it (then ``own_mounting``), or the turn of the axes alone. Row r is exposed at
+    ``t_ns + r line_period_s``; a scan against the count of the rows has a negative period; ``row_times`` has the times
+    of uneven rows. Sigmas are those the product states, rad and m.
     """
 
     path: Path
@@ -97,6 +99,8 @@ class Product:
     sigma_position: Array | None = None
     sigma_attitude: Array | None = None
     corners: Corners | None = None
+    row_times: RowTimes | None = None
+    own_mounting: bool = False
     notices: tuple[str, ...] = ()
 
     def campaign(self, sigma_m: Sigma | None = None, sigma_arcsec: Sigma | None = None) -> Campaign:
@@ -130,7 +134,12 @@ class Product:
             attitude=Attitude(self.attitude_t_ns, self.q_EF, self.frame, inertial),
             cov_attitude_E=np.diag(attitude**2),
             landmarks=Landmarks((), np.empty((0, 3)), np.empty((0, 3, 3))),
-            images=Images((self.name,), np.array([self.t_ns]), np.array([self.line_period_s])),
+            images=Images(
+                (self.name,),
+                np.array([self.t_ns]),
+                np.array([self.line_period_s]),
+                row_times=None if self.row_times is None else (self.row_times,),
+            ),
             sightings=Sightings(index, index, value, value, value, np.empty(0, dtype=np.bool_)),
             corrections=self.corrections,
             orientation=inertial,
