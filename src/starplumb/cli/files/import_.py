@@ -29,7 +29,7 @@ def import_(
     product: Annotated[
         Path,
         typer.Argument(
-            help="DIMAP or DigitalGlobe metadata (.XML, .DIM, .IMD, .ATT, .EPH), or the folder that holds it."
+            help="DIMAP or DigitalGlobe metadata (.XML, .DIM, .IMD, .ATT, .EPH), its folder, or a CSM .json.",
         ),
     ],
     folder: Annotated[Path, typer.Argument(help="Campaign folder to write.", metavar="DIR")],

@@ -9,10 +9,12 @@ from typing import Literal
 from ...physics.errors import InputError
 from ..text.files import read_beginning, show, trouble
 
-Vendor = Literal["DIMAP", "DigitalGlobe"]
+Vendor = Literal["DIMAP", "DigitalGlobe", "CSM"]
 DIGITALGLOBE = (".imd", ".att", ".eph", ".geo")
 """Endings of DigitalGlobe's text files; the first describes the image."""
 _ROOT = re.compile(r"<(\w+)[\s>]")
+_SENSOR_MODEL = re.compile(r'USGS_ASTRO_\w+_SENSOR_MODEL\b|\{\s*"')
+"""A model state, or the JSON of one or of an ISD."""
 _MOST_DEEP = 3
 """Folders below the one that is named: a volume, a product in it, an image in that."""
 
@@ -21,6 +23,8 @@ def vendor_of(path: Path) -> Vendor:
     """Whose metadata a file is. Raises InputError for any other file."""
     if path.suffix.lower() in DIGITALGLOBE:
         return "DigitalGlobe"
+    if _SENSOR_MODEL.match(_start(path)):
+        return "CSM"
     root = _root(path)
     if root == "isd":
         return "DigitalGlobe"
@@ -29,15 +33,19 @@ def vendor_of(path: Path) -> Vendor:
     if (fault := trouble(path)) is not None:
         raise InputError(f"{path}: {fault}")
     found = f"the ending {show(path.suffix)}" if root is None else f"the XML element {show(root)}"
-    wanted = f"DIMAP (Dimap_Document) or DigitalGlobe (isd) as XML, or {', '.join(DIGITALGLOBE)}"
+    wanted = f"DIMAP (Dimap_Document) or DigitalGlobe (isd) as XML, {', '.join(DIGITALGLOBE)}, or a sensor model (CSM)"
     raise InputError(f"{path}: found {found}, wanted {wanted}")
 
 
 def _root(path: Path) -> str | None:
     """The name of the root element of an XML file, None for other files."""
-    start = read_beginning(path).decode("utf-8", "replace").lstrip("\ufeff \t\r\n")
+    start = _start(path)
     found = _ROOT.search(start) if start.startswith("<") else None
     return None if found is None else found[1].lower()
+
+
+def _start(path: Path) -> str:
+    return read_beginning(path).decode("utf-8", "replace").lstrip("\ufeff \t\r\n")
 
 
 def one_metadata_file(path: Path) -> Path:

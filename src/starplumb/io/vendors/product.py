@@ -15,6 +15,7 @@ from ...table.geometry import locate, observe
 from ..campaign.marks.landmarks import read_landmarks
 from ..campaign.marks.markers import Grid, read_observations
 from ..campaign.write import write_campaign
+from .csm.product import read_csm
 from .digitalglobe import read_digitalglobe
 from .digitalglobe_geo import Optics
 from .dimap import read_dimap
@@ -37,6 +38,12 @@ def read_product(
     Raises InputError for another kind of file, and for a choice that the product does not have.
     """
     path = one_metadata_file(path)
+    if vendor_of(path) == "CSM":
+        if optics is not None or attitude != "vendor" or band is not None:
+            raise InputError(
+                f"{path}: found optics, attitude or band beside a sensor model, wanted none: it has its own"
+            )
+        return read_csm(path)
     if vendor_of(path) == "DIMAP":
         if optics is not None:
             raise InputError(f"{path}: found optics stated for a DIMAP product, wanted none: it has its own")
@@ -73,7 +80,7 @@ def import_product(
     product = read_product(path, attitude, optics, band)
     product = replace(product, name=image_id or product.name)
     campaign = product.campaign(sigma_m, sigma_arcsec)
-    notices = [*product.notices, *_coverage(product), *_corner_check(product, campaign)]
+    notices = [*product.notices, *_coverage(product, campaign), *_corner_check(product, campaign)]
     campaign = _with_landmarks(product, campaign, corners, landmarks, observations, notices)
     write_campaign(out, campaign, comment=f"imported from {product.path.name}, attitude: {attitude}")
     return notices
@@ -86,11 +93,13 @@ def _require_free(out: Path) -> None:
             raise InputError(f"{out / name}: found it there already, wanted a folder without a campaign")
 
 
-def _coverage(product: Product) -> list[str]:
+def _coverage(product: Product, campaign: Campaign) -> list[str]:
     """A notice where orbit or attitude do not reach over all rows; InputError where they reach over none."""
     notices = []
     for what, t_ns in (("orbit", product.orbit_t_ns), ("attitude", product.attitude_t_ns)):
-        rows = (t_ns[[0, -1]] - product.t_ns) * 1e-9 / product.line_period_s
+        if product.frame_camera is not None:
+            continue  # its epoch is one of the samples
+        rows = campaign.images.row_at(0, t_ns[[0, -1]])
         first, last = max(float(rows.min()), 0.0), min(float(rows.max()), product.rows - 1.0)
         if first > last:
             span = " to ".join(format_iso(t_ns[[0, -1]], "UTC"))

@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ...physics.camera import LineScanCamera
+from ...physics.camera import FrameCamera, LineScanCamera
 from ...physics.earth import geodetic_to_itrf
 from ...physics.errors import InputError
 from ...physics.light import Corrections
@@ -73,7 +73,7 @@ class Corners:
 
 @dataclass(frozen=True)
 class Product:
-    """One image of one line scanner.
+    """One image of one line scanner, or of the ``frame_camera``, which has no detectors and no line period.
 
     ``q_EF`` (n, 4) takes ``frame`` to E, the axes in which the attitude is given; ``C_EK`` is the mounting as the
     product states it (then ``own_mounting``), or the turn of the axes alone. Row r is exposed at
@@ -102,6 +102,7 @@ class Product:
     row_times: RowTimes | None = None
     own_mounting: bool = False
     notices: tuple[str, ...] = ()
+    frame_camera: FrameCamera | None = None
 
     def campaign(self, sigma_m: Sigma | None = None, sigma_arcsec: Sigma | None = None) -> Campaign:
         """The product without landmarks. Sigmas given here, one or three, replace the product's own.
@@ -120,12 +121,9 @@ class Product:
             )
         inertial = EarthOrientation.load() if self.frame == "GCRF" else None
         index, value = np.empty(0, dtype=np.int64), np.empty(0)
-        table = self.detectors
         return Campaign(
             name=self.name,
-            camera=LineScanCamera(
-                table.column_px, table.tan_x, table.tan_y, (float(self.columns), float(self.rows))
-            ),
+            camera=self._camera,
             C_EK=self.C_EK,
             sigma_mounting=None,
             ephemeris=Ephemeris(self.orbit_t_ns, self.r_J, self.v_J),
@@ -134,16 +132,24 @@ class Product:
             attitude=Attitude(self.attitude_t_ns, self.q_EF, self.frame, inertial),
             cov_attitude_E=np.diag(attitude**2),
             landmarks=Landmarks((), np.empty((0, 3)), np.empty((0, 3, 3))),
-            images=Images(
-                (self.name,),
-                np.array([self.t_ns]),
-                np.array([self.line_period_s]),
-                row_times=None if self.row_times is None else (self.row_times,),
-            ),
+            images=self._images,
             sightings=Sightings(index, index, value, value, value, np.empty(0, dtype=np.bool_)),
             corrections=self.corrections,
             orientation=inertial,
         )
+
+    @property
+    def _camera(self) -> FrameCamera | LineScanCamera:
+        table, size = self.detectors, (float(self.columns), float(self.rows))
+        return self.frame_camera or LineScanCamera(table.column_px, table.tan_x, table.tan_y, size)
+
+    @property
+    def _images(self) -> Images:
+        t_ns = np.array([self.t_ns])
+        if self.frame_camera is not None:
+            return Images((self.name,), t_ns)
+        rows = None if self.row_times is None else (self.row_times,)
+        return Images((self.name,), t_ns, np.array([self.line_period_s]), row_times=rows)
 
 
 def _three(name: str, sigma: Sigma) -> Array:
