@@ -169,6 +169,16 @@ def test_more_than_a_tenth_of_the_images_rejected_is_weak():
     assert all(support().campaign.images.ids[i] in found.sentence for i in (3, 4, 11))
 
 
+@pytest.mark.parametrize("tests", [True, False], ids=["a method that rejects", "one that does not"])
+def test_what_a_method_rejects_is_held_against_its_answer(tests):
+    s = support(out=(3, 4, 11))
+    errors = np.zeros((s.used.size, 2))
+    left = SimpleNamespace(before_m=errors + 5.0, after_m=errors + 1.0)
+    verdict = np.where(s.used, 0, 1) if tests else None
+    estimate = replace(Gls()(s.observations, C_EK_TRUE), verdict=verdict)
+    assert [f.weight for f in judge.contradictions(s, estimate, left)] == ([1] if tests else [])
+
+
 @pytest.mark.parametrize(("rejected", "refutes"), [(9, False), (10, True), (19, True)])
 def test_an_answer_of_a_minority_of_the_images_is_refuted(rejected, refutes):
     found = rejected_images(support(out=range(rejected)))
