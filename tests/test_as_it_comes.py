@@ -57,9 +57,18 @@ def test_an_empty_row_with_others_below_it_is_refused(tmp_path):
 
 
 def test_a_table_of_empty_rows_has_none(tmp_path):
-    header = FILES["observations.csv"].split("\n", 1)[0]
-    with pytest.raises(InputError, match="found a header without rows below it"):
-        load_campaign(write_good_campaign(tmp_path, observations=f"{header}\n,,,,\n"))
+    with pytest.raises(InputError, match=r"images.csv: found a header without rows below it"):
+        load_campaign(write_good_campaign(tmp_path, images="image_id,time\n,\n"))
+
+
+def test_a_campaign_without_marks_is_read_but_not_calibrated(tmp_path):
+    headers = {name: FILES[f"{name}.csv"].split()[0] + "\n" for name in ("landmarks", "observations")}
+    loaded = load_campaign(write_good_campaign(tmp_path, **headers))
+    assert loaded.campaign.sightings.image.size == len(loaded.campaign.landmarks.ids) == 0
+    with pytest.raises(InputError, match=r"observations.csv: found no rows yet, wanted at least one"):
+        loaded.coverage.require()
+    with pytest.raises(InputError, match=r"landmarks.csv: found it without rows beside 5 observations"):
+        load_campaign(write_good_campaign(tmp_path, landmarks=headers["landmarks"]))
 
 
 def frame(text: str) -> dict[str, list[object]]:

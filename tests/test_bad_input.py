@@ -23,6 +23,13 @@ def test_good_campaign_is_accepted(tmp_path: Path) -> None:
     assert loaded.notices == ()
 
 
+def read_and_observe(path: Path) -> None:
+    """What every calibration begins with."""
+    loaded = load_campaign(path)
+    loaded.coverage.require()
+    observe(loaded.campaign)
+
+
 @pytest.mark.parametrize("case", BAD_CASES, ids=lambda case: case.name)
 def test_refused_in_one_line(case: BadCase, tmp_path: Path) -> None:
     if case.name.startswith("bsp"):
@@ -31,7 +38,7 @@ def test_refused_in_one_line(case: BadCase, tmp_path: Path) -> None:
     case.spoil(tmp_path)
     before = contents(tmp_path)
     with pytest.raises(InputError) as caught:
-        observe(load_campaign(path).campaign)
+        read_and_observe(path)
     message = str(caught.value)
     assert message.isprintable(), "one line, no control characters"
     assert [piece for piece in case.says if piece not in message] == [], message

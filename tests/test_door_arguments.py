@@ -40,6 +40,10 @@ class Made:
         return sp.diagnose(self.campaign)
 
     @cached_property
+    def check(self) -> sp.Check:
+        return sp.check(self.campaign)
+
+    @cached_property
     def projection(self) -> sp.Projection:
         return sp.project(self.campaign)
 

@@ -17,7 +17,7 @@ from starplumb.io.campaign.read import load_campaign
 from starplumb.io.campaign.write import write_campaign
 from starplumb.judge.calibrate import calibrate
 from starplumb.judge.files import digits as digits_module
-from starplumb.judge.files.digits import _quaternions, _step_px
+from starplumb.judge.files.digits import _quaternions, step_px
 from starplumb.judge.files.evidence import growth, listed, worst
 from starplumb.judge.files.findings import findings_of_files
 from starplumb.judge.files.image_errors import ImageErrors, OwnErrors
@@ -445,10 +445,10 @@ def test_digits_of_pixels():
 def test_whole_pixels_counted_from_a_corner_are_whole_pixels():
     """The corner is half a pixel from the centre of the first pixel, where the package counts from."""
     marks = np.array([[12.0, 7.0, 3.0, 9.0], [2.0, 18.0, 5.0, 11.0]])
-    assert _step_px(marks - 0.5) == 1.0
-    assert _step_px(marks) == 1.0
-    assert _step_px(marks + 0.25) == pytest.approx(0.01)
-    assert _step_px(0.1 * marks - 0.5) == pytest.approx(0.1)
+    assert step_px(marks - 0.5) == 1.0
+    assert step_px(marks) == 1.0
+    assert step_px(marks + 0.25) == pytest.approx(0.01)
+    assert step_px(0.1 * marks - 0.5) == pytest.approx(0.1)
 
 
 def test_numbers_that_are_round_by_design_are_left_alone(tmp_path):

@@ -8,6 +8,8 @@ from .session.calibration import calibrate as calibrate
 from .session.campaign import Campaign as Campaign
 from .session.campaign import demo as demo
 from .session.campaign import read_campaign as read_campaign
+from .session.check import Check as Check
+from .session.check import check as check
 from .session.comparison import Comparison as Comparison
 from .session.comparison import compare as compare
 from .session.diagnosis import Diagnosis as Diagnosis

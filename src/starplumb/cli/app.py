@@ -11,6 +11,7 @@ from .budget import budget
 from .calibrate import calibrate
 from .compare import compare
 from .diagnose import diagnose
+from .files.check import check
 from .files.import_ import import_
 from .files.init import init
 from .files.points import points
@@ -45,7 +46,7 @@ def _options(
 
 
 for command in (
-    *(init, import_, calibrate, compare, diagnose, locate, project, points),
+    *(init, import_, check, calibrate, compare, diagnose, locate, project, points),
     *(simulate, budget, reproduce, schema),
 ):
     # a negative number is no option

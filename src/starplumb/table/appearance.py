@@ -51,7 +51,7 @@ def appearance(campaign: Campaign, C_EK: Array, image: int, p_J: Array, skip: bo
     where a place may lie in rows that they do not cover, unless ``skip``.
     """
     n = len(p_J)
-    span = _rows(campaign, image)
+    span = row_span(campaign, image)
     if span is None:
         if not skip:
             stations(campaign, np.array([image]), middle_px(campaign, np.array([image]))[:, 1])
@@ -129,7 +129,7 @@ def _own_rows(campaign: Campaign, image: int) -> tuple[float, float]:
     return (-0.5, rows - 0.5) if np.isfinite(rows) else (0.0, 0.0)
 
 
-def _rows(campaign: Campaign, image: int) -> tuple[float, float] | None:
+def row_span(campaign: Campaign, image: int) -> tuple[float, float] | None:
     """First and last row of an image that orbit and attitude cover, as far as the image goes; None where none is."""
     images = campaign.images
     if not campaign.camera.scans or images.line_period_s is None:

@@ -236,7 +236,9 @@ def _marks(
     """Sightings of known landmarks, or none and the detections that have none yet."""
     if config.observations is not None:
         declared, file = config.observations.declared("observations"), files.of_points("observations")
-        seen, rows = markers.read_observations(file, images.ids, landmarks.ids, grid, notices, declared)
+        seen, rows = markers.read_observations(
+            file, images.ids, landmarks.ids, grid, notices, declared, files.of_points("landmarks")
+        )
         return seen, None, rows
     if config.detections is None:
         raise ValueError("the rules want observations or detections")

@@ -204,7 +204,7 @@ def columns_of_table(name: str, table: Any, schema: Schema) -> Columns:
     header = [column for column in table.column_names if not _INDEX.fullmatch(column)]
     schema.check(name, header)
     table = _without_empty_end(table, header)
-    if table.num_rows == 0:
+    if table.num_rows == 0 and not schema.may_be_empty:
         raise InputError(f"{name}: found no rows, wanted at least one")
     row_number: Callable[[int], int] = int
     all_rows = table.num_rows

@@ -47,10 +47,10 @@ def read_rows(path: Path, schema: Schema) -> Columns:
             line_blocks.append(block.line)
     if not line_blocks and all_rows:
         raise none_kept(str(path), schema)
-    if not line_blocks:
+    if not (line_blocks or schema.may_be_empty):
         raise InputError(f"{path}: found a header without rows below it, wanted at least one row")
-    line = np.concatenate(line_blocks)
-    values = {name: np.concatenate(blocks) for name, blocks in numbers.items()}
+    line = np.concatenate([*line_blocks, np.empty(0, dtype=np.int64)])
+    values = {name: np.concatenate([*blocks, np.empty(0)]) for name, blocks in numbers.items()}
     return Columns(header, values, dict(texts), line.size, lambda row: int(line[row]), all_rows - line.size)
 
 

@@ -159,13 +159,14 @@ def read_table(
     optional_texts: Sequence[str] = (),
     optional_numbers: Sequence[str] = (),
     declared: Declared = UNDECLARED,
+    may_be_empty: bool = False,
 ) -> Table:
     """The columns asked for, by the names that are ``declared``; others are passed over with a notice.
 
     A file may be CSV (UTF-8, commas, any line ends; blank lines and leading ``#`` lines are passed over), Parquet or
     Arrow, which its content tells. Raises InputError naming the table and, where there are such, row and column.
     """
-    asked = Schema(texts, numbers, optional_texts, optional_numbers)
+    asked = Schema(texts, numbers, optional_texts, optional_numbers, may_be_empty=may_be_empty)
     schema = declared.schema(asked, str(source))
     found = _columns(source, schema)
     ignored = schema.ignored(found.header)

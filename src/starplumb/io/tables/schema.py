@@ -18,7 +18,7 @@ class Schema:
     """Names of text and number columns that a table must have, and of those that it may have.
 
     ``stamps`` are columns of times, text or numbers; ``keep`` has the values, one of several, that a row must have in
-    some columns to be looked at.
+    some columns to be looked at; ``may_be_empty`` admits a header without rows.
     """
 
     texts: Sequence[str] = ()
@@ -27,6 +27,7 @@ class Schema:
     optional_numbers: Sequence[str] = ()
     stamps: Sequence[str] = ()
     keep: Mapping[str, tuple[Value, ...]] = field(default_factory=dict)
+    may_be_empty: bool = False
 
     def texts_in(self, header: Sequence[str]) -> list[str]:
         """Text columns to read."""

@@ -51,11 +51,11 @@ def with_rounding(campaign: Campaign) -> Campaign:
     """The campaign with the rounding of quaternions, places and pixels among its stated errors."""
     steps = [a.quaternion_step for a in campaign.attitudes if a.quaternion_step <= DESIGNED_QUATERNION]
     turn = 2.0 * max(steps, default=0.0) * ROUNDING
-    landmarks, found = campaign.landmarks, _landmark_rounding(campaign.landmarks.r_J)
+    landmarks, found = campaign.landmarks, landmark_rounding(campaign.landmarks.r_J)
     if found is not None:
         landmarks = replace(landmarks, covariance_J=landmarks.covariance_J + found[1])
     s = campaign.sightings
-    pixel = _step_px(np.stack([s.column_px, s.row_px])) * ROUNDING
+    pixel = step_px(np.stack([s.column_px, s.row_px])) * ROUNDING
     return replace(
         campaign,
         cov_attitude_E=campaign.cov_attitude_E + turn**2 * np.eye(3),
@@ -136,7 +136,7 @@ def _quaternions(campaign: Campaign, errors: ImageErrors, covariance_E: Array) -
 
 
 def _places(campaign: Campaign, errors: ImageErrors, covariance_E: Array) -> Iterator[Evidence]:
-    found = _landmark_rounding(campaign.landmarks.r_J)
+    found = landmark_rounding(campaign.landmarks.r_J)
     if found is None:
         return
     words, covariance_J = found
@@ -152,7 +152,7 @@ def _places(campaign: Campaign, errors: ImageErrors, covariance_E: Array) -> Ite
     )
 
 
-def _landmark_rounding(r_J: Array) -> tuple[str, Array] | None:
+def landmark_rounding(r_J: Array) -> tuple[str, Array] | None:
     """The steps of surveyed places r_J (L, 3) in words and the covariance (L, 3, 3) m^2 of their rounding."""
     if len(r_J) < 2:
         return None
@@ -175,7 +175,7 @@ def _landmark_rounding(r_J: Array) -> tuple[str, Array] | None:
 
 def _pixels(campaign: Campaign, errors: ImageErrors, covariance_E: Array) -> Iterator[Evidence]:
     s = campaign.sightings
-    step = _step_px(np.stack([s.column_px, s.row_px]))
+    step = step_px(np.stack([s.column_px, s.row_px]))
     own = OwnErrors(pixel=(step * ROUNDING) ** 2)
     if step * ROUNDING < 0.1 * float(np.median(s.sigma_px)):
         return
@@ -191,6 +191,6 @@ def _pixels(campaign: Campaign, errors: ImageErrors, covariance_E: Array) -> Ite
     )
 
 
-def _step_px(marks: Array) -> float:
+def step_px(marks: Array) -> float:
     """Step of pixels that were counted from the centre of the first one or from its corner."""
     return max(decimal_step(marks), decimal_step(marks + 0.5))

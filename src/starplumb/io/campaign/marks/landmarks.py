@@ -28,7 +28,10 @@ def read_landmarks(
     ground: Ground | None = None,
     declared: Declared = UNDECLARED,
 ) -> Landmarks:
-    """Landmarks of a table or a vector file; ``ground`` says where heights come from and what they are above."""
+    """Landmarks of a table, perhaps none yet, or of a vector file.
+
+    ``ground`` says where heights come from and what they are above.
+    """
     if isinstance(source, PointFiles):
         return landmarks_from(source.landmarks(ground or Ground(), declared, notices))
     if path := other_format(source):
@@ -44,6 +47,7 @@ def read_landmarks(
             optional_texts=("source",),
             optional_numbers=numbers,
             declared=declared,
+            may_be_empty=True,
         )
     notices += table.notices
     return landmarks_from(table if ground is None else raised(table, ground))

@@ -40,10 +40,12 @@ def read_observations(
     grid: Grid,
     notices: list[str],
     declared: Declared = UNDECLARED,
+    surveyed: object = "the table of landmarks",
 ) -> tuple[Sightings, Table]:
     """Sightings of known landmarks, and the table that names their rows (its columns dropped).
 
-    Every row is taken or refused, images and landmarks without one are reported.
+    Every row is taken or refused, images and landmarks without one are reported; ``surveyed`` is what messages call
+    the landmarks.
     """
     if isinstance(source, PointFiles):
         table = source.observations(declared, grid.shift_px)
@@ -54,8 +56,13 @@ def read_observations(
             numbers=("column_px", "row_px", "sigma_px"),
             optional_texts=("role",),
             declared=declared,
+            may_be_empty=True,
         )
     notices += table.notices
+    if len(table) and not landmarks:
+        raise InputError(
+            f"{surveyed}: found it without rows beside {len(table)} observations, wanted at least one row"
+        )
     image = _lookup(table, "image_id", images, "images")
     landmark = _lookup(table, "landmark_id", landmarks, "landmarks")
     _require_new_pairs(table, image, landmark, len(landmarks))
@@ -145,13 +152,7 @@ def _roles(table: Table) -> NDArray[np.bool_]:
     if unknown := set(roles) - {"control", "check"}:
         row = next(row for row, role in enumerate(roles) if role in unknown)
         raise table.error(row, "role", roles[row], '"control" or "check"')
-    check = np.fromiter(map("check".__eq__, roles), dtype=np.bool_, count=len(roles))
-    if check.all():
-        raise InputError(
-            f"{table.source}, column {table.declared.name('role')}: found only check points, "
-            "wanted some with the role control"
-        )
-    return check
+    return np.fromiter(map("check".__eq__, roles), dtype=np.bool_, count=len(roles))
 
 
 def _unseen(source: object, kind: str, ids: Sequence[str], seen: Index) -> list[str]:

@@ -59,7 +59,15 @@ class Coverage:
         return f"{count}: {self._why(int(rows[0]))}"
 
     def require(self) -> None:
-        """Raise InputError, naming the first row, where a mark is not covered."""
+        """Raise InputError where a campaign cannot be calibrated: no control mark, or one that is not covered."""
+        if isinstance(self.marks, Sightings) and np.all(self.marks.check):
+            source = self.rows.source
+            if not self.marks.check.size:
+                raise InputError(f"{source}: found no rows yet, wanted at least one observation")
+            role = self.rows.declared.name("role")
+            raise InputError(
+                f"{source}, column {role}: found only check points, wanted some with the role control"
+            )
         if self.outside.size:
             where = self.rows.where(int(self.outside[0]))
             raise InputError(
@@ -68,7 +76,7 @@ class Coverage:
 
     def left_out(self) -> tuple[LeftOut, ...]:
         """What is left out with ``outside = "skip"``.  Raises InputError where nothing remains."""
-        if not self.covered.any():
+        if self.covered.size and not self.covered.any():
             raise InputError(f"{self.rows.source}: found {self.told}")
         return tuple(self._entry(row) for row in self.outside.tolist())
 
