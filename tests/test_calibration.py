@@ -143,10 +143,14 @@ def test_too_little_to_go_by_is_singular_and_says_so(rng):
 def test_the_closed_form_has_an_answer_without_a_covariance(rng):
     campaign, _ = delivered(rng, FRAME, (1.0, -2.0, 0.5), images=4, markers=6)
     done = calibrate(campaign, Wahba())
-    assert done.status == Status.OK
+    assert done.status.usable
     assert done.chi2_p is None
     assert done.estimate.sigma_E is None
     assert np.linalg.norm(so3.log(done.estimate.C_EK @ C_EK_TRUE.mT)) < 300 * ARCSEC
+    assert "this method states no sigma: least squares with every stated error" in done.message
+    by_gls = calibrate(campaign, Gls())
+    apart = np.abs(so3.log(by_gls.C_EK @ done.C_EK.mT))
+    np.testing.assert_allclose(done.interval_95_E, apart + by_gls.interval_95_E, rtol=1e-6)
 
 
 @pytest.mark.slow

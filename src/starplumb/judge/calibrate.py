@@ -29,6 +29,7 @@ from .contradictions import (
 )
 from .files.evidence import Evidence
 from .files.findings import findings_of_files
+from .reference import Reference
 from .residuals import Accuracy, Residuals, residuals
 from .scatter.from_data import FromData, from_data, image_rotations, levels_of
 from .scatter.sources import findings_of_sources
@@ -118,10 +119,11 @@ class Calibration:
         return Accuracy.of(errors[chosen])
 
 
-def calibrate(campaign: Campaign, estimator: Estimator) -> Calibration:
+def calibrate(campaign: Campaign, estimator: Estimator, by_gls: Calibration | None = None) -> Calibration:
     """Estimate the mounting of a campaign from its control points and judge the answer.
 
-    Raises EpochError where an image lies outside the orbit or attitude, InputError where there is nothing to use.
+    A method that is not least squares is held against it, ``by_gls`` where that is at hand.  Raises EpochError where an
+    image lies outside the orbit or attitude, InputError where there is nothing to use.
     """
     observations = table_of(campaign)
     used = ~campaign.sightings.check
@@ -155,6 +157,10 @@ def calibrate(campaign: Campaign, estimator: Estimator) -> Calibration:
         *_unmodelled(campaign, fit, estimate),
         *(Finding(sentence, False) for sentence in _remarks(estimate, untested=tested and snooping is None)),
     ]
+    if own.usable and not tested:
+        reference = _reference(campaign, used, by_gls if estimate.verdict is None else None)
+        weight = max((finding.weight for finding in found), default=0)
+        found += reference.findings(estimate.C_EK, _interval(estimate, None, found), weight)
     ruined = ruins_alignment(list(traded))
     status = judged(Status(max(own, Status.SINGULAR)) if ruined else own, found)
     return Calibration(
@@ -172,6 +178,14 @@ def calibrate(campaign: Campaign, estimator: Estimator) -> Calibration:
         interval_95_E=_interval(estimate, scatter, found) if status.usable else None,
         from_data=scatter if status.usable else None,
     )
+
+
+def _reference(campaign: Campaign, used: NDArray[np.bool_], by_gls: Calibration | None) -> Reference:
+    """What least squares makes of the sightings used."""
+    sightings = replace(campaign.sightings, check=~used)
+    c = by_gls or calibrate(replace(campaign, sightings=sightings), Gls())
+    reason = c.sentences[0] if c.sentences else c.status.text
+    return Reference(c.status, reason, c.estimate.C_EK, c.interval_95_E)
 
 
 def _chi2_p(estimate: AlignmentEstimate) -> float | None:
@@ -254,10 +268,10 @@ def _remarks(estimate: AlignmentEstimate, *, untested: bool) -> list[str]:
 def _interval(
     estimate: AlignmentEstimate, scatter: FromData | None, found: Sequence[Finding]
 ) -> Array | None:
-    """Half-widths (3,) rad of the 95 % intervals; None where the method has no covariance."""
-    covariance_E, sigma_E = estimate.covariance_E, estimate.sigma_E
-    if covariance_E is None or sigma_E is None:
-        return None
+    """Half-widths (3,) rad of the 95 % intervals; None where neither the method nor a finding states any."""
+    covariance_E = estimate.covariance_E
+    if covariance_E is None:
+        return interval_95(None, None, found)
     if scatter is not None and scatter.half_95_E is not None:
         return interval_95(covariance_E, scatter.half_95_E, found)
     factor = 1.0

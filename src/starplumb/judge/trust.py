@@ -26,8 +26,8 @@ class Finding:
 
     ``weakens`` tells whether the answer is then only weakly to be trusted, ``refutes`` whether it is not to be used,
     and ``informs`` that nothing changes: it belongs to the notices of the result, not to its message.  ``covariance_E``
-    (3, 3) rad^2 is added to the answer's covariance about E for its interval, and ``reach_E`` (3,) rad is how far from
-    the answer another one lies that the interval must hold.
+    (3, 3) rad^2 is added to the answer's covariance about E for its interval, ``reach_E`` (3,) rad is how far from
+    the answer another one lies that the interval must hold, and ``half_E`` (3,) rad half-widths that it must have.
     """
 
     sentence: str
@@ -36,6 +36,7 @@ class Finding:
     refutes: bool = False
     covariance_E: Array | None = None
     reach_E: Array | None = None
+    half_E: Array | None = None
 
     @property
     def weight(self) -> int:
@@ -62,15 +63,20 @@ def said(findings: Sequence[Finding]) -> tuple[str, ...]:
     return tuple(finding.sentence for finding in sorted(told, key=lambda finding: -finding.weight))
 
 
-def interval_95(covariance_E: Array, from_data_E: Array | None, findings: Sequence[Finding]) -> Array:
-    """Half-widths (3,) rad of the 95 % intervals about E's axes.
+def interval_95(
+    covariance_E: Array | None, from_data_E: Array | None, findings: Sequence[Finding]
+) -> Array | None:
+    """Half-widths (3,) rad of the 95 % intervals about E's axes; None where nothing states any.
 
     The larger of what the stated errors, with what the findings add, and the residuals (``from_data_E``) say; and wide
     enough to hold another answer that the data support.
     """
+    least = [finding.half_E for finding in findings if finding.half_E is not None]
+    if covariance_E is None:
+        return np.asarray(np.max(least, axis=0)) if least else None
     added = [finding.covariance_E for finding in findings if finding.covariance_E is not None]
     total = covariance_E + np.sum(added, axis=0) if added else covariance_E
     stated = NORMAL_95 * np.sqrt(np.diagonal(total))
     half = stated if from_data_E is None else np.maximum(stated, from_data_E)
     reaches = [np.abs(finding.reach_E) + stated for finding in findings if finding.reach_E is not None]
-    return np.asarray(np.max([half, *reaches], axis=0))
+    return np.asarray(np.max([half, *reaches, *least], axis=0))
