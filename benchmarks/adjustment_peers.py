@@ -36,12 +36,14 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Found:
-    """A solver's answer: alignment, linearisations, CPU seconds of the solution alone, memory above the table MB."""
+    """A solver's answer: alignment, linearisations, CPU seconds of the solution alone, memory above the table MB, and
+    the optics (8,)."""
 
     C_EK: Array
     passes: int
     seconds: float
     memory_mb: float = np.nan
+    optics: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -112,7 +114,7 @@ def by_ceres(problem: Problem, program: Path, per: str, radius: float = 1e16) ->
     if not said["converged"]:
         raise SystemExit("Ceres did not converge")
     C_EK = so3.exp(np.array(said["values"][:3])) @ problem.C_EK
-    return Found(C_EK, said["passes"], said["solve_s"], said["memory_mb"])
+    return Found(C_EK, said["passes"], said["solve_s"], said["memory_mb"], np.array(said["values"][3:]))
 
 
 def by_scipy(problem: Problem, blocks: bool) -> Found:
@@ -140,7 +142,8 @@ def by_scipy(problem: Problem, blocks: bool) -> Found:
     seconds = time.process_time() - start
     if not found.success:
         raise SystemExit(f"SciPy: {found.message}")
-    return Found(so3.exp(full.values(found.x)[0][:3]) @ problem.C_EK, found.njev, seconds)
+    x = full.values(found.x)[0]
+    return Found(so3.exp(x[:3]) @ problem.C_EK, found.njev, seconds, optics=x[3:])
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.optimize import least_squares
 
 from problems import C_EK_TRUE, FRAME, LINE, SIGMAS, truth
 from starplumb.estimators.gls import Gls
@@ -18,6 +19,7 @@ from starplumb.physics.camera import Distortion
 from starplumb.physics.errors import InputError
 from starplumb.physics.units import ARCSEC, DEG
 from starplumb.plan import scene
+from starplumb.solve.problem import Problem
 from starplumb.table.equation import linearise, predict
 from starplumb.table.geometry import observe
 from starplumb.table.parameter_names import parameters
@@ -277,3 +279,63 @@ def test_wishes_in_their_units():
     assert found[1].sigma == (0.01,)
     with pytest.raises(InputError, match="line-scan camera"):
         parameters(["focal_length"], truth(LINE, 2, 2))
+
+
+@pytest.mark.parametrize("name", ["optics", "look angles"])
+def test_the_design_is_the_difference_quotient_whatever_the_residuals(name, rng):
+    """Of the residual itself, with 30 px of noise in it: what the derivative says is no average over its noise."""
+    camera, parameter, value = CASES[name]
+    true = observe(truth(camera, 3, 5))
+    px = 30.0 * rng.standard_normal((true.n, 2))
+    o = replace(true, xy_K=true.xy_K + (true.slope_K @ px[..., None])[..., 0])
+    value = np.array(value) if name == "optics" else np.zeros(len(value))
+    prior = np.eye(3 + value.size), np.zeros(3 + value.size)
+
+    def at(v, theta):
+        return Problem(o, (parameter,), so3.exp(theta) @ C_EK_TRUE, v, prior).linear(o)
+
+    _, model, A = at(value, np.zeros(3))
+    assert np.abs(model.z_px).max() > 30.0
+    steps = np.concatenate([np.full(3, 1e-7), 1e-4 * np.abs(CASES[name][2])])
+    for j, h in enumerate(steps):
+        d = np.zeros(steps.size)
+        d[j] = h
+        ahead, behind = (at(value + s * d[3:], s * d[:3])[1].z_px for s in (1, -1))
+        quotient = (ahead - behind) / (2.0 * h)
+        off = np.abs(A[..., j] - quotient) / np.abs(quotient).max()
+        # a scanner's slope is that of the measured row; a lens leaves nothing
+        assert np.max(off) < (2e-5 if name == "optics" else 2e-3)
+
+
+@pytest.mark.parametrize("sigma_px", [0.3, 3.0])
+def test_optics_are_those_of_the_full_nonlinear_problem(sigma_px, rng):
+    """By SciPy with every error of every image as an unknown, its own derivatives, and the camera that results."""
+    names = ("focal_length", "k1", "k2")
+    o = observe(truth(FRAME, 4, 60))
+    o = replace(o, sigma_px=np.full(o.n, sigma_px), cov_landmark_J=1e-8 * o.cov_landmark_J)
+    o = measure(o, C_EK_TRUE, Errors.draw(o, rng))
+    pixel, own = FRAME.px_from_tan(o.xy_K), 3 + len(names)
+    roots = np.linalg.cholesky(o.cov_attitude_E), np.linalg.cholesky(o.cov_position_J)
+    size = np.array([ARCSEC] * 3 + [1e-5, 1e-2, 1.0])
+
+    def residual(u):
+        x, images = size * u[:own], u[own:].reshape(o.n_images, 2, 3, 1)
+        alpha, rho = ((root @ images[:, i])[..., 0][o.image] for i, root in enumerate(roots))
+        lens = replace(FRAME.distortion, k=(x[4], x[5], 0.0))
+        camera = replace(FRAME, focal_length=FRAME.focal_length + x[3], distortion=lens)
+        e_E = o.e_E + np.einsum("nij,nj->ni", o.C_EJ, rho) / o.range_m[:, None]
+        e_E = np.einsum("nij,nj->ni", so3.exp(-alpha), e_E)
+        s_K = e_E @ (so3.exp(x[:3]) @ C_EK_TRUE)
+        off = camera.px_from_tan(s_K[:, :2] / s_K[:, 2:]) - pixel
+        return np.concatenate([off.ravel() / sigma_px, u[own:]])
+
+    found = least_squares(
+        residual, np.zeros(own + 6 * o.n_images), "3-point", xtol=1e-14, ftol=1e-14, gtol=1e-12
+    )
+    estimate = Gls((Optics(FRAME, names, (INF,) * 3),), tolerance=1e-5)(o, C_EK_TRUE)
+    d = (
+        np.concatenate([so3.log(estimate.C_EK @ C_EK_TRUE.T), estimate.parameters.values])
+        - size * found.x[:own]
+    )
+    sigma = np.sqrt(np.diag(estimate.parameters.covariance))
+    assert np.max(np.abs(d) / sigma) < 2e-4

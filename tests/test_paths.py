@@ -14,6 +14,7 @@ from starplumb.solve import chunks, schur
 from starplumb.solve.problem import Problem
 from starplumb.table.geometry import observe
 from starplumb.table.parameters import Optics, TimeOffset, TrackerMounting
+from starplumb.table.seen import ImageErrors
 from starplumb.table.simulate import Errors, measure
 
 FREE = np.inf
@@ -51,7 +52,10 @@ def problem(request, rng):
     sigma = np.array([20.0 * ARCSEC] * 3 + [0.1, 10.0, 1e-3] + [60.0 * ARCSEC] * 3 + [1.0, 1.0])
     known = np.diag(sigma**-2.0), 0.3 * sigma * rng.standard_normal(sigma.size)
     C_EK = so3.exp(10.0 * ARCSEC * rng.standard_normal(3)) @ C_EK_TRUE
-    return Problem(o, parameters, C_EK, values, known)
+    own = ImageErrors(
+        20.0 * ARCSEC * rng.standard_normal((IMAGES, 3)), 5.0 * rng.standard_normal((IMAGES, 3))
+    )
+    return Problem(o, parameters, C_EK, values, known, errors=own)
 
 
 def large(monkeypatch, **limits):

@@ -15,6 +15,7 @@ from ..solve.problem import Linear, Problem, TestedPart
 from ..solve.reliability import Tested
 from ..table.observations import Observations
 from ..table.parameters import Parameter
+from ..table.seen import ImageErrors
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -22,15 +23,17 @@ Index = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class State:
-    """Where an estimate stands: ``C_EK`` (..., 3, 3) and the parameters' ``values`` (..., p)."""
+    """Where an estimate stands: ``C_EK`` (..., 3, 3) and the parameters' ``values`` (..., p), and the ``errors`` of the
+    images about which it is linearised, None for none."""
 
     C_EK: Array
     values: Array
+    errors: ImageErrors | None = None
 
-    def moved(self, x: Array) -> State:
+    def moved(self, x: Array, errors: ImageErrors | None = None) -> State:
         """After a step of the alignment and the parameters, x (..., 3 + p or more)."""
         p = self.values.shape[-1]
-        return State(so3.exp(x[..., :3]) @ self.C_EK, self.values + x[..., 3 : 3 + p])
+        return State(so3.exp(x[..., :3]) @ self.C_EK, self.values + x[..., 3 : 3 + p], errors)
 
 
 @dataclass(frozen=True)
@@ -60,7 +63,9 @@ class Unknowns:
     def problem(self, observations: Observations, state: State, C_EK_model: Array) -> Problem:
         """The adjustment of a table at a state."""
         prior = self.prior(observations, state, C_EK_model)
-        return Problem(observations, self.parameters, state.C_EK, state.values, prior, self.compiled)
+        return Problem(
+            observations, self.parameters, state.C_EK, state.values, prior, self.compiled, state.errors
+        )
 
     def prior(self, o: Observations, state: State, C_EK_model: Array) -> tuple[Array, Array]:
         """Information and step of what is known beforehand of all common unknowns.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +30,10 @@ normal equations: 1e-5 in sound campaigns, 0.3 where one image of six is half a 
 much.  Shorter steps may be slow: along what the data hardly separate they are."""
 LONG = 10.0
 """Length of a long step, in sigmas: a parameter started far off moves by a few while the model bends."""
+
+
+MIXED, MOST_MIXED = 4, 5.0
+"""Steps that are mixed, and the largest share of one."""
 
 
 @dataclass(frozen=True)
@@ -95,9 +100,12 @@ class Gls:
         shape = state.C_EK.shape[:-2]
         settled, iterations = np.zeros(shape, dtype=bool), np.zeros(shape, dtype=np.int64)
         before, fits = np.full(shape, np.nan), np.ones(shape, dtype=bool)
-        solution = self._solve(observations, state, C_EK)
+        problem, steps = Fit(self.unknowns, observations, state, C_EK).whole, Steps()
         for _ in range(self.max_iterations):
-            state = state.moved(np.where(settled[..., None], 0.0, solution.x))
+            solution = problem.solution
+            x, steps = steps.next(solution, 3 + state.values.shape[-1] if self.parameters else 0)
+            x = np.where(settled[..., None], 0.0, x)
+            state = state.moved(x, problem.image_errors(x, settled))
             iterations += ~settled
             length = step_length(solution, 3 + state.values.shape[-1])
             q = np.where(np.isnan(before), FIRST_RATE, length / np.maximum(before, 1e-300))
@@ -105,11 +113,10 @@ class Gls:
             settled, before = settled | ((q < 1.0) & (length * q < self.tolerance * (1.0 - q))), length
             if np.all(settled):
                 break
-            solution = self._solve(observations, state, C_EK)
+            problem = Fit(self.unknowns, observations, state, C_EK).whole
+        else:
+            solution = problem.solution
         return self._report(observations, C_EK, state, solution, settled & fits, iterations)
-
-    def _solve(self, o: Observations, state: State, C_EK_model: Array) -> Adjustment:
-        return Fit(self.unknowns, o, state, C_EK_model).solve()
 
     def _report(
         self,
@@ -152,6 +159,37 @@ class Gls:
             solution.covariance[..., :own, :own],
             marginal(solution.information, own) - prior[..., :own, :own],
         )
+
+
+@dataclass(frozen=True)
+class Steps:
+    """Steps (..., k) of Gauss-Newton, ``proposed`` and ``taken``, the last few.
+
+    Where the data hardly separate the unknowns the residuals bend the normal equations, and steps shrink slowly or
+    swing about the answer.  The next one is then taken from the last ones (Anderson's mixing, in units of sigma)::
+
+        x <- f - sum_j g_j (x_j + f_j+1 - f_j),    g = argmin |f - sum_j g_j (f_j+1 - f_j)|
+
+    Source: H. F. Walker, P. Ni, SIAM Journal on Numerical Analysis 49 (2011).
+    """
+
+    proposed: tuple[Array, ...] = ()
+    taken: tuple[Array, ...] = ()
+
+    def next(self, solution: Adjustment, k: int) -> tuple[Array, Steps]:
+        """The step to take, mixed by its first k unknowns; the solution's own where there is nothing to mix."""
+        f, depth = solution.x, len(self.taken)
+        proposed = (*self.proposed, f)
+        x = f
+        if depth and k:
+            changes = np.stack([b - a for a, b in pairwise(proposed)], axis=-1)
+            scaled = marginal(solution.information, k) @ changes[..., :k, :]
+            square, right = changes[..., :k, :].mT @ scaled, scaled.mT @ f[..., :k, None]
+            ridge = 1e-9 * np.trace(square, axis1=-2, axis2=-1)[..., None, None] + 1e-300
+            g = np.linalg.solve(square + ridge * np.eye(depth), right)
+            mixed = f - ((np.stack(self.taken, axis=-1) + changes) @ g)[..., 0]
+            x = np.where(np.max(np.abs(g), axis=-2) < MOST_MIXED, mixed, f)
+        return x, Steps(proposed[-MIXED:], (*self.taken, x)[-MIXED:])
 
 
 def marginal(information: Array, k: int) -> Array:

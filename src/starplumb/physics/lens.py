@@ -6,7 +6,7 @@ numbers does.
 Source: D. C. Brown, Decentering distortion of lenses, Photogrammetric Engineering 32 (1966).
 
 A work buffer ``W`` begins with distorted tangents (rows 0, 1), ideal tangents (2, 3), the last step of their search
-(4, 5) and ``d ideal / d distorted`` row by row (6 .. 9).
+or the tangents at which the lens is looked at (4, 5), and ``d ideal / d distorted`` row by row (6 .. 9).
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from .components import Array, Row, extreme, four, lanes, larger, put_four
 Lens = tuple[Row, Row, Row, Row, Row]
 """k1, k2, k3, p1, p2."""
 Eight = tuple[Row, Row, Row, Row, Row, Row, Row, Row]
-LensNumbers = tuple[Row, Row, Row, Row, Row, Lens, Lens]
+LensNumbers = tuple[Row, Row, Row, Row, Row, Lens, Lens, Row]
 """A camera at other values of its optics: distorted tangents of a pixel, ``ratio xy_d + (x, y)``, as ratio, x, y; focal
-length; pitch / focal length; its lens; and the stated lens."""
+length; pitch / focal length; its lens; the stated lens; and how far from a mark it is looked at (see :func:`near`)."""
 
 LENS_ROWS = 10
 SETTLED = 1e-7
@@ -84,7 +84,7 @@ def straighten(W: Array, lens: Lens) -> None:
 
 def seen_again(W: Array, at: Any, numbers: LensNumbers) -> None:
     """Distorted tangents, by the optics at other values, of the pixel that the stated ones see at the tangents."""
-    ratio, x, y, _, _, _, stated = numbers
+    ratio, x, y, _, _, _, stated, _ = numbers
     u, v, _, _, _ = distort(W[2, at], W[3, at], stated)
     W[0, at], W[1, at] = ratio * u + x, ratio * v + y
 
@@ -102,6 +102,35 @@ def rephotograph(W: Array, numbers: LensNumbers) -> None:
     straighten(W, numbers[5])
     for at in lanes():
         magnify(W, at, numbers[4])
+
+
+def near(predicted: Row, measured: Row, reach: Row) -> Row:
+    """Where a mark is predicted, but no farther than ``reach`` from where it was measured: a lens is not to be looked
+    at where a blunder of the model would have it."""
+    return measured + larger(-reach, -larger(-reach, measured - predicted))
+
+
+def look_at(W: Array, at: Any, h: tuple[Row, Row], numbers: LensNumbers) -> None:
+    """Rows 2, 3 from tangents by the stated optics to those at other values, and the slope per pixel in rows 6 .. 9,
+    the lens being taken as straight as it is at q, where a mark is predicted (``h``)::
+
+        xy = q - D'(q)^-1 (D(q) - xy_d)
+
+    so that the mark is off by exactly the pixels between the predicted and the measured one.  Rows 4, 5 are then q, and
+    0, 1 what the lens makes of it.
+    """
+    x, y = W[2, at], W[3, at]
+    seen_again(W, at, numbers)
+    u, v, a, b, c = distort(x, y, numbers[5])
+    du, dv, i = W[0, at] - u, W[1, at] - v, 1.0 / (a * c - b * b)
+    x, y = x + i * (c * du - b * dv), y + i * (a * dv - b * du)  # measured, to a step of Newton's method
+    x, y = near(h[0], x, numbers[7]), near(h[1], y, numbers[7])
+    u, v, a, b, c = distort(x, y, numbers[5])
+    du, dv, i = W[0, at] - u, W[1, at] - v, 1.0 / (a * c - b * b)
+    W[0, at], W[1, at], W[4, at], W[5, at] = u, v, x, y
+    W[2, at], W[3, at] = x + i * (c * du - b * dv), y + i * (a * dv - b * du)
+    put_four(W, 6, at, (i * c, -i * b, -i * b, i * a))
+    magnify(W, at, numbers[4])
 
 
 def effects(x: Row, y: Row, distorted: tuple[Row, Row], focal_length: Row, scale: Row) -> tuple[Eight, Eight]:

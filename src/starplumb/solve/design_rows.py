@@ -31,12 +31,15 @@ from ..physics.components import (
     put_three,
     read_block,
     root,
+    rotate,
     six,
     spare_block,
     three,
+    turn,
+    unit,
     write_block,
 )
-from ..physics.lens import LENS_ROWS, Eight, LensNumbers, effects, rephotograph
+from ..physics.lens import LENS_ROWS, Eight, LensNumbers, effects, look_at
 from ..table.equation import (
     Nine,
     by_attitude,
@@ -48,21 +51,24 @@ from ..table.equation import (
     through,
 )
 from ..table.observations import Observations
+from ..table.seen import ImageErrors
 from .compiled import compiled
 from .whitening import inverse_root
 
 XY, SLOPE, E_E, ROW_RATE, C_EJ, RANGE, SIGMA, WEIGHT, COVARIANCE = 2, 6, LENS_ROWS, 13, 16, 25, 26, 27, 28
 """First rows of what was measured: tangents (2), slope (4), direction (3), its rate (3), attitude (9), range, sigma of
 a pixel, weight, and the landmark's covariance xx, xy, xz, yy, yz, zz in J."""
-WHITENING, PER_RAD, COLUMN, ROW = 34, 37, 41, 56
+OWN = 34
+"""First row of the errors of the sighting's image about which it is linearised: attitude (3) and position (3)."""
+WHITENING, PER_RAD, COLUMN, ROW = 40, 43, 47, 62
 """First rows of what is made of them: L^-1 (3, lower), L^-1 B^-1 (4), and z, H, R, E (15) of the column, of the row."""
-ROWS = 71
+ROWS = 77
 LENS = 7
 """Where E begins behind z, H and R."""
 
 UPPER = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 
-NO_LENS: LensNumbers = (1.0, 0.0, 0.0, 0.0, 0.0, (0.0,) * 5, (0.0,) * 5)
+NO_LENS: LensNumbers = (1.0, 0.0, 0.0, 0.0, 0.0, (0.0,) * 5, (0.0,) * 5, 0.0)
 """No lens is estimated."""
 
 
@@ -104,6 +110,24 @@ def whitened_design(W: Array, at: Any, C_EK: Nine) -> None:
     put_three(W, ROW + 4, at, (q * R_x[0] + r * R_y[0], q * R_x[1] + r * R_y[1], q * R_x[2] + r * R_y[2]))
 
 
+def take_out(W: Array, at: Any) -> None:
+    """The direction by an attitude and a position without the errors of the image."""
+    e, r = three(W, E_E, at), three(W, OWN + 3, at)
+    i = 1.0 / W[RANGE, at]
+    x = e[0] + i * dot(three(W, C_EJ, at), r)
+    y = e[1] + i * dot(three(W, C_EJ + 3, at), r)
+    z = e[2] + i * dot(three(W, C_EJ + 6, at), r)
+    q = turn(three(W, OWN, at))
+    put_three(W, E_E, at, unit(rotate((-q[0], -q[1], -q[2], q[3]), (x, y, z))))
+
+
+def put_back(W: Array, at: Any) -> None:
+    """The errors of the image into the residual again, about which it is linear: ``z - H alpha + R rho``."""
+    a, r = three(W, OWN, at), three(W, OWN + 3, at)
+    W[COLUMN, at] += dot(three(W, COLUMN + 4, at), r) - dot(three(W, COLUMN + 1, at), a)
+    W[ROW, at] += dot(three(W, ROW + 4, at), r) - dot(three(W, ROW + 1, at), a)
+
+
 def put_eight(W: Array, first: int, at: Any, a: Row, u: Eight, b: Row, v: Eight) -> None:
     """Rows ``first``, ...: ``a u + b v``."""
     W[first, at], W[first + 1, at] = a * u[0] + b * v[0], a * u[1] + b * v[1]
@@ -118,22 +142,30 @@ def whitened_lens(W: Array, at: Any, numbers: LensNumbers) -> None:
     V = four(W, PER_RAD, at)
     a, c = through(V, W[SLOPE, at] * i, W[SLOPE + 2, at] * i)
     b, d = through(V, W[SLOPE + 1, at] * i, W[SLOPE + 3, at] * i)
-    u, v = effects(W[XY, at], W[XY + 1, at], (W[0, at], W[1, at]), numbers[3], numbers[4])
+    u, v = effects(W[4, at], W[5, at], (W[0, at], W[1, at]), numbers[3], numbers[4])
     put_eight(W, COLUMN + LENS, at, a, u, b, v)
     put_eight(W, ROW + LENS, at, c, u, d, v)
 
 
-def fill(rows: Array, C_EK: Nine, numbers: LensNumbers) -> None:
-    """Make everything behind what was measured; with a lens to estimate, tangents and slopes are by the present one."""
+def fill(rows: Array, C_EK: Nine, numbers: LensNumbers, about: bool = False) -> None:
+    """Make everything behind what was measured; with a lens to estimate, tangents and slopes are by the present one;
+    ``about`` the errors of the images, where they are among the rows."""
     width = block_width(rows.shape[1])
     spare = spare_block(ROWS, width)
     estimated = numbers[3] != 0.0
     for start in range(0, rows.shape[1], width):
         W = read_block(rows, 0, start, spare, WHITENING)
+        if about:
+            for at in lanes():
+                take_out(W, at)
         if estimated:
-            rephotograph(W, numbers)
+            for at in lanes():
+                look_at(W, at, project(C_EK, three(W, E_E, at))[0], numbers)
         for at in lanes():
             whitened_design(W, at, C_EK)
+        if about:
+            for at in lanes():
+                put_back(W, at)
         if estimated:
             for at in lanes():
                 whitened_lens(W, at, numbers)
@@ -141,13 +173,19 @@ def fill(rows: Array, C_EK: Nine, numbers: LensNumbers) -> None:
 
 
 @cache
-def compiled_fill() -> Callable[[Array, Nine, LensNumbers], None]:
+def compiled_fill() -> Callable[[Array, Nine, LensNumbers, bool], None]:
     """:func:`fill` compiled with numba.  Raises InputError where numba is not installed."""
     return compiled(fill)
 
 
-def load(W: Array, o: Observations, rows: slice | NDArray[np.int64]) -> None:
-    """What was measured in some sightings of landmarks of their own (no batch axes) into the rows of a buffer."""
+def load(
+    W: Array, o: Observations, rows: slice | NDArray[np.int64], errors: ImageErrors | None = None
+) -> None:
+    """What was measured in some sightings of landmarks of their own (no batch axes) into the rows of a buffer, and the
+    errors of their images about which to linearise."""
+    if errors is not None:
+        image = o.image[rows]
+        W[OWN : OWN + 3], W[OWN + 3 : OWN + 6] = errors.alpha_E[image].mT, errors.rho_J[image].mT
     W[XY : XY + 2] = o.xy_K[rows].mT
     W[SLOPE : SLOPE + 4].reshape(2, 2, -1)[...] = o.slope_K[rows].transpose(1, 2, 0)
     W[E_E : E_E + 3] = o.e_E[rows].mT

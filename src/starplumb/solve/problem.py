@@ -13,9 +13,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ..table.equation import Linearised, linearise
+from ..table.equation import Linearised
 from ..table.observations import Observations
 from ..table.parameters import Parameter, split
+from ..table.seen import ImageErrors, Seen
 from .adjustment import Adjustment, Prior, SharedErrors, eliminated
 from .chunks import Rows, blocks, in_chunks, part
 from .normal import Eliminated, Pairs
@@ -57,14 +58,15 @@ class Problem:
     values: Array
     prior: Prior
     compiled: bool = False
+    errors: ImageErrors | None = None
+    """Errors of the images about which the table is linearised, where parameters are estimated; None for none."""
 
     def linear(self, part: Observations) -> Linear:
         """Some rows of the table, linearised."""
-        o, own = part, split(self.parameters, self.values)
-        for parameter, value in own:
-            o = parameter.apply(o, value)
-        model = linearise(o, self.C_EK)
-        parts = [model.H, *(parameter.moves(o, value).design(model) for parameter, value in own)]
+        own = split(self.parameters, self.values)
+        s = Seen.of(part, own, self.C_EK, self.errors)
+        o, model = s.applied, s.model
+        parts = [model.H, *(p.moves(s.predicted, value).design(model) for p, value in own)]
         parts += [] if o.common_px is None else [o.common_px]
         batch = np.broadcast_shapes(*(A.shape[:-3] for A in parts))
         A = np.concatenate([np.broadcast_to(A, (*batch, *A.shape[-3:])) for A in parts], axis=-1)
@@ -96,10 +98,32 @@ class Problem:
     def solution(self) -> Adjustment:
         """The Gauss-Newton step of the common unknowns, with the covariance at the minimum."""
         try:
-            squares = self._stream.squares(self.C_EK, self.values) if self.in_chunks else self._eliminated[1]
+            squares = self._normals[0]
         except np.linalg.LinAlgError:
             return Adjustment.none(self.prior[1].shape[-1])
         return Adjustment.of(squares, self.prior)
+
+    @cached_property
+    def _normals(self) -> tuple[Array, Array]:
+        """The normal equations of [A, z] less the shared errors, and each column's unit errors of the images."""
+        if self.in_chunks:
+            return self._stream.squares(self.C_EK, self.values)
+        shared, squares = self._eliminated
+        return squares, shared.C_image
+
+    def image_errors(self, x: Array, stands: NDArray[np.bool_]) -> ImageErrors | None:
+        """The errors of the images as they are estimated after a step x (..., k), about which to linearise next; those
+        of runs that stand (...) remain.  None without parameters or without a solution."""
+        if not self.parameters:
+            return None
+        try:
+            C_image = self._normals[1]
+        except np.linalg.LinAlgError:
+            return None
+        y = np.concatenate([x, np.ones((*x.shape[:-1], 1))], axis=-1)
+        own, roots = C_image @ y[..., None, :, None], self._roots
+        alpha, rho = roots.S_attitude @ own[..., :3, :], roots.S_position @ own[..., 3:, :]
+        return ImageErrors.of(-alpha[..., 0], -rho[..., 0], self.errors, stands)
 
     @cached_property
     def _roots(self) -> Roots:
@@ -107,7 +131,7 @@ class Problem:
 
     @cached_property
     def _stream(self) -> Stream:
-        return Stream.of(self.table, self.parameters, self.compiled)
+        return Stream.of(self.table, self.parameters, self.compiled, self.errors)
 
     @cached_property
     def _eliminated(self) -> tuple[Eliminated, Array]:

@@ -14,10 +14,11 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from ..physics.lens import LensNumbers
-from ..table.equation import Nine
+from ..physics.lens import LensNumbers, near
+from ..table.equation import Nine, predict
 from ..table.observations import Observations
-from ..table.parameters import OPTICS, Moves, Optics, Parameter, split
+from ..table.parameters import OPTICS, LookAngles, Moves, Optics, Parameter, split
+from ..table.seen import ImageErrors, without_errors
 from .chunks import Rows, blocks, part
 from .design_rows import COLUMN, LENS, NO_LENS, PER_RAD, ROW, ROWS, WHITENING, compiled_fill, fill, load
 from .normal import Eliminated, Normal, Pairs, eliminate
@@ -44,25 +45,40 @@ class Stream:
     compiled: bool
     roots: Roots
     pairs: Pairs
+    errors: ImageErrors | None
 
     @classmethod
-    def of(cls, o: Observations, parameters: Sequence[Parameter], compiled: bool) -> Stream:
+    def of(
+        cls,
+        o: Observations,
+        parameters: Sequence[Parameter],
+        compiled: bool,
+        errors: ImageErrors | None = None,
+    ) -> Stream:
         roots = Roots.of(o)
         if roots.repeated.size:
             own = np.array(o.cov_landmark_J)
             own[roots.repeated] = 0.0
             o = replace(o, cov_landmark_J=own)
-        return cls(o, tuple(parameters), compiled, roots, Pairs.among(o, roots))
+        return cls(
+            o, tuple(parameters), compiled, roots, Pairs.among(o, roots), errors if parameters else None
+        )
 
-    def squares(self, C_EK: Array, values: Array) -> Array:
+    def squares(self, C_EK: Array, values: Array) -> tuple[Array, Array]:
         """Normal equations (k + 1, k + 1) of Y = [A, z] less the shared errors, at a mounting (3, 3) and parameters
-        (p,).  Raises LinAlgError where there is no solution."""
+        (p,), and what explains each column in unit errors of the images (m, 6, k + 1), nothing of it where no
+        parameters are estimated.  Raises LinAlgError where there is no solution."""
         if self.roots.repeated.size:
-            return self.eliminated(C_EK, values)[1]
-        left = np.zeros(())
-        for _, n in self._blocks(C_EK, values):
-            left = left + eliminate(n, self.pairs).squares(n)
-        return left
+            found, left = self.eliminated(C_EK, values)
+            return left, found.C_image
+        left, own, m = np.zeros(()), np.zeros((0, 6, 0)), self.single.n_images
+        for images, n in self._blocks(C_EK, values):
+            found = eliminate(n, self.pairs)
+            left = left + found.squares(n)
+            if self.parameters:
+                own = own if own.size else np.zeros((m, *found.C_image.shape[1:]))
+                own[images] = found.C_image
+        return left, own
 
     def eliminated(self, C_EK: Array, values: Array, patience: float = 1.0) -> tuple[Eliminated, Array]:
         """The same with the shared errors; for ``patience`` see :func:`starplumb.solve.schur.eliminate_sparse`."""
@@ -127,16 +143,20 @@ class Stream:
         self, rows: Rows, C_EK: Array, own: Sequence[tuple[Parameter, Array]], lens: LensNumbers
     ) -> list[Array]:
         """Whitened rows z, H, R, then those of parameters and common errors, of columns and of rows (f, n)."""
-        o = self.single
+        o, errors = self.single, self.errors
         if any(not isinstance(parameter, Optics) for parameter in self.parameters):
             o, rows = part(o, rows), slice(None)
         for parameter, value in own:
             if not isinstance(parameter, Optics):
                 o = parameter.apply(o, value)
         W = np.empty((ROWS, o.image[rows].size))
-        load(W, o, rows)
+        load(W, o, rows, errors)
         make = compiled_fill() if self.compiled else fill
-        make(W, cast("Nine", tuple(C_EK.reshape(-1).tolist())), lens)
+        make(W, cast("Nine", tuple(C_EK.reshape(-1).tolist())), lens, errors is not None)
+        looks = next((p for p, _ in own if isinstance(p, LookAngles)), None)
+        if looks is not None:
+            h = predict(C_EK, o.e_E if errors is None else without_errors(o, errors))
+            o = replace(o, xy_K=near(h, o.xy_K, looks.reach))
         pairs = _design(W, o, own)
         if o.common_px is not None:
             pairs.append(_whitened(W, o.common_px[rows]))

@@ -18,7 +18,15 @@ from numpy.typing import NDArray
 from ..physics import so3
 from ..physics.camera import FrameCamera, LineScanCamera
 from ..physics.components import Row
-from ..physics.lens import LENS_ROWS, Lens, LensNumbers, distort, effects, rephotograph
+from ..physics.lens import (
+    LENS_ROWS,
+    Lens,
+    LensNumbers,
+    distort,
+    effects,
+    look_at,
+    rephotograph,
+)
 from ..physics.units import DEG
 from .equation import Linearised, by_tangents
 from .observations import Observations
@@ -47,7 +55,8 @@ class Parameter(Protocol):
         ...
 
     def moves(self, observations: Observations, value: Array) -> Moves:
-        """What a unit of each value moves, ``observations`` being those at ``value``."""
+        """What a unit of each value moves, ``observations`` being those at ``value``, with each mark where the model
+        predicts it: a derivative taken where it was measured would carry the noise that the residual carries too."""
         ...
 
 
@@ -81,6 +90,9 @@ def split(parameters: Sequence[Parameter], values: Array) -> list[tuple[Paramete
     ]
 
 
+REACH = 0.1
+"""Part of the field by which a mark may be predicted off and yet be differentiated there."""
+
 OPTICS = ("focal_length", "principal_column", "principal_row", "k1", "k2", "k3", "p1", "p2")
 
 
@@ -98,10 +110,19 @@ class Optics:
     sigma: tuple[float, ...]
 
     @property
+    def edge(self) -> float:
+        """Tangent of the field angle in a corner, the axis in the middle."""
+        return 0.5 * self.camera.pitch / self.camera.focal_length * float(np.hypot(*self.camera.size_px))
+
+    @property
+    def reach(self) -> float:
+        """How far from a mark (rad) the lens is looked at."""
+        return REACH * self.edge
+
+    @property
     def range(self) -> tuple[float, ...]:
         """A tenth of the focal length, the size of the image, a distortion of a tenth at the edge."""
-        c = self.camera
-        edge = 0.5 * c.pitch / c.focal_length * float(np.hypot(*c.size_px))
+        c, edge = self.camera, self.edge
         size = max(c.size_px)
         distortion = (0.1 / edge**2, 0.1 / edge**4, 0.1 / edge**6, 0.1 / edge, 0.1 / edge)
         every = dict(zip(OPTICS, (0.1 * c.focal_length, size, size, *distortion), strict=True))
@@ -126,15 +147,26 @@ class Optics:
         f, scale, column_px, row_px, lens = self.at(value)
         c = self.camera
         x, y = scale * (c.principal_point_px[0] - column_px), scale * (c.principal_point_px[1] - row_px)
-        return c.focal_length / f, x, y, f, scale, lens, c.distortion.lens
+        return c.focal_length / f, x, y, f, scale, lens, c.distortion.lens, self.reach
 
     def apply(self, observations: Observations, value: Array) -> Observations:
         xy = observations.xy_K
         W = np.empty((LENS_ROWS, *np.broadcast_shapes((*value.shape[:-1], 1), xy.shape[:-1])))
         W[2], W[3] = xy[..., 0], xy[..., 1]
         rephotograph(W, self.through(value[..., None, :]))
-        slope = np.moveaxis(W[6:10], 0, -1).reshape(*W.shape[1:], 2, 2)
-        return replace(observations, xy_K=np.moveaxis(W[2:4], 0, -1), slope_K=slope)
+        xy_K, slope_K = _photographed(W)
+        return replace(observations, xy_K=xy_K, slope_K=slope_K)
+
+    def look_at(self, stated: Array, value: Array, h: Array) -> tuple[Array, Array, Array]:
+        """At ``value``: tangents (..., n, 2) that differ from those predicted, ``h`` (..., n, 2), by the pixels between
+        the predicted and the measured mark, whose tangents by the stated optics are ``stated``; their slope by the
+        pixel there (..., n, 2, 2), and where that is (:func:`starplumb.physics.lens.look_at`)."""
+        W = np.empty(
+            (LENS_ROWS, *np.broadcast_shapes((*value.shape[:-1], 1), stated.shape[:-1], h.shape[:-1]))
+        )
+        W[2], W[3] = stated[..., 0], stated[..., 1]
+        look_at(W, slice(None), (h[..., 0], h[..., 1]), self.through(value[..., None, :]))
+        return (*_photographed(W), np.moveaxis(W[4:6], 0, -1))
 
     def moves(self, observations: Observations, value: Array) -> Moves:
         focal_length, scale, _, _, lens = self.at(value[..., None, :])
@@ -147,6 +179,11 @@ class Optics:
             d_xy[..., 0, at] = i * (b * down[place] - c * across[place])
             d_xy[..., 1, at] = i * (b * across[place] - a * down[place])
         return Moves(xy_K=d_xy)
+
+
+def _photographed(W: Array) -> tuple[Array, Array]:
+    """Tangents (..., 2) and slopes (..., 2, 2) of a work buffer of the lens."""
+    return np.moveaxis(W[2:4], 0, -1), np.moveaxis(W[6:10], 0, -1).reshape(*W.shape[1:], 2, 2)
 
 
 @dataclass(frozen=True)
@@ -162,10 +199,19 @@ class LookAngles:
     sigma: tuple[float, ...]
 
     @property
+    def length(self) -> float:
+        """Length of the line, rad."""
+        return max(float(np.ptp(self.camera.tan_x)), float(np.ptp(self.camera.tan_y)))
+
+    @property
+    def reach(self) -> float:
+        """How far from a mark (rad) the look directions are looked at."""
+        return 0.5 * REACH * self.length
+
+    @property
     def range(self) -> tuple[float, ...]:
         """A tenth of the line's length."""
-        length = max(float(np.ptp(self.camera.tan_x)), float(np.ptp(self.camera.tan_y)))
-        return (0.1 * length,) * len(self.names)
+        return (0.1 * self.length,) * len(self.names)
 
     def _basis(self, xy_K: Array) -> tuple[Array, Array]:
         """Changes of (tan_x, tan_y) by unit values (..., n, 2, s), and their slope by the column."""
