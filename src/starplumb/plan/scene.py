@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..physics import so3
-from ..physics.camera import Camera
+from ..physics.camera import Camera, LineScanCamera
 from ..physics.earth import C_JT, OMEGA_EARTH, geodetic_to_itrf, itrf_to_geodetic
 from ..physics.light import Corrections, inertial_velocity
 from ..physics.orbit import C_RO, Orbit, pointing
@@ -86,6 +86,14 @@ def _scene_velocity(r_I: Array, v_I: Array, aim_I: Array) -> Array:
     return np.asarray(v_I - carried)
 
 
+def _across(camera: Camera) -> Array:
+    """K from the axes that are flown with x across the track: a line scanner is flown with its line there."""
+    if not isinstance(camera, LineScanCamera) or camera.axes[0][1] == 0.0:
+        return np.eye(3)
+    x, y = camera.axes[0]
+    return np.array([[x, -y, 0.0], [y, x, 0.0], [0.0, 0.0, 1.0]])
+
+
 def photograph(
     camera: Camera,
     orbit: Orbit,
@@ -106,7 +114,7 @@ def photograph(
     sample_s = burst_times(camera, start, line_period_s)
     order = np.argsort(start)
     t_ns = epochs_ns(epoch_ns, sample_s)
-    C_EI = held_attitude(orbit, orientation, epoch_ns, flight, sample_s, C_EK)
+    C_EI = held_attitude(orbit, orientation, epoch_ns, flight, sample_s, C_EK @ _across(camera))
     r_J, v_J = fly(orbit, orientation, epoch_ns, sample_s)
     t_all, first = np.unique(t_ns[order].reshape(-1), return_index=True)
     gap_s = 2.0 / SAMPLES_PER_SECOND
