@@ -26,13 +26,18 @@ _SIGMA = "one number, or three with commas between"
 
 
 def import_(
-    product: Annotated[
-        Path,
+    products: Annotated[
+        list[Path],
         typer.Argument(
-            help="DIMAP or DigitalGlobe metadata (.XML, .DIM, .IMD, .ATT, .EPH), its folder, or a CSM .json.",
+            help="DIMAP or DigitalGlobe metadata (.XML, .DIM, .IMD, .ATT, .EPH), their folders, or CSM .json; the last "
+            "argument is the campaign folder to write, unless --into names it.",
+            metavar="PRODUCT... DIR",
         ),
     ],
-    folder: Annotated[Path, typer.Argument(help="Campaign folder to write.", metavar="DIR")],
+    into: Annotated[
+        Path | None,
+        typer.Option("--into", help="A campaign that the products are added to.", metavar="DIR"),
+    ] = None,
     attitude: Annotated[
         Source,
         typer.Option("--attitude", help="The vendor's own, or the star tracker's quaternions (DIMAP)."),
@@ -57,7 +62,8 @@ def import_(
     ] = None,
     band: Annotated[str | None, typer.Option("--band", help="Band, where the product has several.")] = None,
     image_id: Annotated[
-        str | None, typer.Option("--image-id", help="Name of the image [default: the product's].")
+        str | None,
+        typer.Option("--image-id", help="Names of the images, with commas between [default: the products']."),
     ] = None,
     principal_distance_mm: Annotated[
         float | None, typer.Option(help="DigitalGlobe without .GEO: principal distance.")
@@ -71,7 +77,10 @@ def import_(
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
-    """Turn a vendor's product into a campaign: orbit, attitude, camera and time in declared units and frames.
+    """Turn vendors' products into a campaign: orbit, attitude, camera and time in declared units and frames.
+
+    Several products of one camera become one campaign, or are added to one (--into). Without landmarks the campaign can
+    be located with at once.
 
     Sigmas that the product does not state must be given: none is assumed.
 
@@ -82,31 +91,47 @@ def import_(
         --sigma-m 1 --sigma-arcsec 2,2,5
 
       \b
+      starplumb import first second third stereo --sigma-m 1 --sigma-arcsec 2,2,5
+
+      \b
+      starplumb import fourth --into stereo
+
+      \b
       starplumb import product.IMD quickbird --corners 0.5,0.3 \\
         --principal-distance-mm 8836.202 --detector-pitch-mm 0.01191396 \\
         --detector-origin-mm 9.54684,164.02773
     """
-    from ...io.vendors.product import import_product
+    from ...io.vendors.into import import_into
+    from ...io.vendors.product import Wanted, import_products
+    from ...physics.errors import InputError
 
     speak = Output(json, quiet, verbose)
-    notices = import_product(
-        product,
-        folder,
-        attitude=attitude.value,
-        sigma_m=_sigma("--sigma-m", sigma_m),
-        sigma_arcsec=_sigma("--sigma-arcsec", sigma_arcsec),
-        optics=_optics(principal_distance_mm, detector_pitch_mm, detector_origin_mm),
-        band=band,
-        corners=_pair("--corners", corners),
-        landmarks=landmarks,
-        observations=observations,
-        image_id=image_id,
+    if into is None and len(products) < 2:
+        raise InputError("PRODUCT... DIR: found one argument, wanted a product and the folder to write")
+    wanted = Wanted(
+        attitude.value,
+        _sigma("--sigma-m", sigma_m),
+        _sigma("--sigma-arcsec", sigma_arcsec),
+        _optics(principal_distance_mm, detector_pitch_mm, detector_origin_mm),
+        band,
+        _pair("--corners", corners),
     )
+    names = [] if image_id is None else [name.strip() for name in image_id.split(",")]
+    if into is None:
+        folder = products[-1]
+        notices = import_products(products[:-1], folder, wanted, landmarks, observations, names)
+    else:
+        if landmarks is not None or observations is not None:
+            raise InputError(
+                "--into: found beside --landmarks, wanted the rows added to the campaign's own tables"
+            )
+        folder = into
+        notices = import_into(into, products, wanted, names)
     path = folder / "campaign.toml"
     speak.notices(notices)
     speak.document({"campaign": str(path), "notices": notices})
     speak.detail(*(f"wrote {file}" for file in sorted(folder.iterdir())))
-    speak.show(f"wrote {path}", f"next: starplumb calibrate {path}")
+    speak.show(f"wrote {path}", f"next: starplumb check {path}")
 
 
 def _numbers(option: str, text: str, counts: tuple[int, ...], wanted: str) -> tuple[float, ...]:

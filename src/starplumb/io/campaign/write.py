@@ -46,6 +46,22 @@ def write_campaign(
     ValueError for landmark covariances that are not along east, north, up, and for an attitude covariance that is
     not along E's axes.
     """
+    files = campaign_files(campaign, time_scale, detections)
+    sections = _sections(campaign, time_scale, tracker, "detections" if detections else "observations")
+    if C_EK_true is not None:
+        sections = [*sections, ("truth", {"quaternion_xyzw": so3.to_quaternion(C_EK_true)})]
+    files["campaign.toml"] = document_text(sections, comment)
+    if schema:
+        files["campaign.toml"] = f"#:schema campaign.schema.json\n{files['campaign.toml']}"
+        files["campaign.schema.json"] = schema
+    publish(folder, files)
+    return folder / "campaign.toml"
+
+
+def campaign_files(
+    campaign: Campaign, time_scale: str, detections: Detections | None = None
+) -> dict[str, str]:
+    """The tables of a campaign by the names of their files."""
     files = {
         "ephemeris.csv": _ephemeris(campaign, time_scale),
         **attitude_files(campaign, time_scale),
@@ -62,15 +78,7 @@ def write_campaign(
         files["observations.csv"] = _observations(campaign)
     else:
         files["detections.csv"] = _detections(campaign.images.ids, detections)
-    sections = _sections(campaign, time_scale, tracker, "detections" if detections else "observations")
-    if C_EK_true is not None:
-        sections = [*sections, ("truth", {"quaternion_xyzw": so3.to_quaternion(C_EK_true)})]
-    files["campaign.toml"] = document_text(sections, comment)
-    if schema:
-        files["campaign.toml"] = f"#:schema campaign.schema.json\n{files['campaign.toml']}"
-        files["campaign.schema.json"] = schema
-    publish(folder, files)
-    return folder / "campaign.toml"
+    return files
 
 
 def _ephemeris(campaign: Campaign, scale: str) -> str:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,7 @@ from .csm.product import read_csm
 from .digitalglobe import read_digitalglobe
 from .digitalglobe_geo import Optics
 from .dimap import read_dimap
+from .join import Named, joined
 from .metadata_files import one_metadata_file, vendor_of
 from .vendor import AttitudeChoice, Corners, Product, Sigma
 
@@ -76,17 +78,73 @@ def import_product(
     empty, to be filled in. ``image_id`` is the image's name in ``observations``, by default the product's.
     Raises InputError for anything unusable and where ``out`` holds a campaign already; nothing is written then.
     """
-    _require_free(out)
-    product = read_product(path, attitude, optics, band)
-    product = replace(product, name=image_id or product.name)
-    campaign = product.campaign(sigma_m, sigma_arcsec)
-    notices = [*product.notices, *_coverage(product, campaign), *_corner_check(product, campaign)]
-    campaign = _with_landmarks(product, campaign, corners, landmarks, observations, notices)
-    write_campaign(out, campaign, comment=f"imported from {product.path.name}, attitude: {attitude}")
+    wanted = Wanted(attitude, sigma_m, sigma_arcsec, optics, band, corners)
+    names = () if image_id is None else (image_id,)
+    return import_products([path], out, wanted, landmarks, observations, names)
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What a user wants of every product; as for :func:`import_product`."""
+
+    attitude: AttitudeChoice = "vendor"
+    sigma_m: Sigma | None = None
+    sigma_arcsec: Sigma | None = None
+    optics: Optics | None = None
+    band: str | None = None
+    corners: tuple[float, float] | None = None
+
+    def of(self, path: Path, image_id: str | None, several: bool, notices: list[str]) -> Campaign:
+        """The campaign of a product, with its corners if they are wanted; with the name of their image if there are
+        those of ``several``."""
+        product = read_product(path, self.attitude, self.optics, self.band)
+        product = replace(product, name=image_id or product.name)
+        campaign = product.campaign(self.sigma_m, self.sigma_arcsec)
+        notices += [*product.notices, *_coverage(product, campaign), *_corner_check(product, campaign)]
+        if self.corners is None:
+            return campaign
+        if several and product.corners is not None:
+            names = tuple(f"{product.name}-{name}" for name in product.corners.names)
+            product = replace(product, corners=replace(product.corners, names=names))
+        return _with_corners(product, campaign, *self.corners)
+
+
+def import_products(
+    paths: Sequence[Path],
+    out: Path,
+    wanted: Wanted,
+    landmarks: Path | None = None,
+    observations: Path | None = None,
+    image_ids: Sequence[str] = (),
+) -> list[str]:
+    """Write one campaign of several products of one camera, as :func:`import_product` does of one."""
+    require_free(out)
+    notices: list[str] = []
+    parts = named_campaigns(paths, wanted, image_ids, notices)
+    campaign = joined(parts) if len(parts) > 1 else parts[0].campaign
+    campaign = _with_landmarks(campaign, wanted.corners, landmarks, observations, notices)
+    sources = ", ".join(part.name for part in parts)
+    write_campaign(out, campaign, comment=f"imported from {sources}, attitude: {wanted.attitude}")
     return notices
 
 
-def _require_free(out: Path) -> None:
+def named_campaigns(
+    paths: Sequence[Path], wanted: Wanted, image_ids: Sequence[str], notices: list[str], several: bool = False
+) -> list[Named]:
+    """The campaign of each product by the name of its file."""
+    if image_ids and len(image_ids) != len(paths):
+        counts = f"found {len(image_ids)} names for {len(paths)} products"
+        raise InputError(f"image_id: {counts}, wanted one for each, with commas between")
+    found = [one_metadata_file(path) for path in paths]
+    names = image_ids or (None,) * len(paths)
+    more = several or len(paths) > 1
+    return [
+        Named(path.name, wanted.of(path, name, more, notices))
+        for path, name in zip(found, names, strict=True)
+    ]
+
+
+def require_free(out: Path) -> None:
     """Refuse to overwrite a campaign: its tables may hold a user's work."""
     for name in ("campaign.toml", "landmarks.csv", "observations.csv"):
         if (out / name).exists():
@@ -150,14 +208,13 @@ def _contradiction(product: Product, missed: float) -> InputError:
 
 
 def _with_landmarks(
-    product: Product,
     campaign: Campaign,
     corners: tuple[float, float] | None,
     landmarks: Path | None,
     observations: Path | None,
     notices: list[str],
 ) -> Campaign:
-    """The campaign with the landmarks the user gives, with the product's corners, or as it is."""
+    """The campaign with the landmarks the user gives, or as it is."""
     if (landmarks is None) != (observations is None):
         raise InputError(
             f"{landmarks or observations}: found landmarks or observations alone, wanted both tables"
@@ -168,13 +225,12 @@ def _with_landmarks(
                 f"{landmarks}: found landmarks beside the product's corners, wanted one of the two"
             )
         marks = read_landmarks(landmarks, notices)
-        grid = Grid(float(product.columns), float(product.rows), 0.0)
+        grid = Grid(*campaign.camera.size_px, 0.0)
         seen, _ = read_observations(observations, campaign.images.ids, marks.ids, grid, notices)
         return replace(campaign, landmarks=marks, sightings=seen)
     if corners is None:
         notices.append("landmarks.csv and observations.csv hold no rows yet: fill them in")
-        return campaign
-    return _with_corners(product, campaign, *corners)
+    return campaign
 
 
 def _with_corners(product: Product, campaign: Campaign, sigma_m: float, sigma_px: float) -> Campaign:

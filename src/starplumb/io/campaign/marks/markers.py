@@ -68,7 +68,8 @@ def read_observations(
     _require_new_pairs(table, image, landmark, len(landmarks))
     column, row, sigma = _pixels(table, grid)
     check = _roles(table)
-    notices += _unseen(source, "image", images, image) + _unseen(source, "landmark", landmarks, landmark)
+    if len(table):
+        notices += _unseen(source, "image", images, image) + _unseen(source, "landmark", landmarks, landmark)
     return Sightings(image, landmark, column, row, sigma, check), bare(table)
 
 
