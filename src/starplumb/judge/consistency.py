@@ -13,6 +13,7 @@ from ..physics import so3
 from ..physics.units import ARCSEC, DEG
 from ..solve.chunks import CHUNK, part, sample, sampled
 from ..table.observations import Observations
+from .known_before import contradicted
 from .trust import Finding, probability
 
 Array = NDArray[np.float64]
@@ -57,7 +58,7 @@ def findings(
         _one_image(observations),
         _boresight(observations, estimate),
         _chi_square(observations, estimate),
-        _prior(observations, C_EK_model, estimate, known_from),
+        *contradicted(observations, C_EK_model, estimate, known_from),
     ]
     found.append(_aberration(observations, C_EK_model, estimate, estimator))
     return [finding for finding in found if finding is not None]
@@ -129,33 +130,6 @@ def _chi_square(o: Observations, estimate: AlignmentEstimate) -> Finding | None:
             False,
         )
     return None
-
-
-def _prior(
-    o: Observations, C_EK_model: Array, estimate: AlignmentEstimate, known_from: str
-) -> Finding | None:
-    """Whether the data contradict what was known of the mounting.
-
-    The correction d of an estimate with covariance C, in which a prior P has a part, has the covariance P - C.
-    """
-    if o.prior_E is None or estimate.covariance_E is None:
-        return None
-    d_E = so3.log(estimate.C_EK @ C_EK_model.mT)
-    spread, axes = np.linalg.eigh(o.prior_E - estimate.covariance_E)
-    determined = spread > 1e-6 * np.trace(
-        o.prior_E
-    )  # where the data say nothing the prior cannot be contradicted
-    square = float(np.sum((axes.mT @ d_E)[determined] ** 2 / spread[determined]))
-    p = chi2_p(square, int(np.sum(determined)))
-    if p >= IMPLAUSIBLE_P:
-        return None
-    sigma = np.sqrt(np.diagonal(o.prior_E)) / ARCSEC
-    return Finding(
-        f"the data contradict {known_from} ({', '.join(f'{s:.3g}' for s in sigma)} arcsec): the correction is "
-        f"{np.linalg.norm(d_E) / ARCSEC:.3g} arcsec ({probability(p)}), and the prior pulls it towards zero; state a "
-        "larger sigma or leave it out",
-        True,
-    )
 
 
 def _absurd(estimate: AlignmentEstimate) -> bool:
