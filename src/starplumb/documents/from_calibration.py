@@ -15,10 +15,12 @@ from ..judge.residuals import Accuracy, rms
 from ..judge.separability import known
 from ..physics import so3
 from ..physics.timescales import format_iso
-from ..physics.units import ARCSEC
+from ..physics.units import ARCSEC, DEG
 from ..table.campaign import Campaign
 from ..table.parameter_names import UNITS, unit_of
+from ..table.phases import Phases, phases
 from ..table.sharing import passes, sessions
+from .motion import motion_document, orbit_document
 from .numbers import numbers
 
 if TYPE_CHECKING:
@@ -45,7 +47,7 @@ def result_document(
     """
     c, estimate = calibration, calibration.estimate
     covariance, sigma, interval = c.covariance_E, c.sigma_E, c.interval_95_E
-    refuted = c.status is Status.REFUTED
+    refuted, where = c.status is Status.REFUTED, phases(c.campaign)
     return {
         "schema": RESULT_SCHEMA,
         "status": c.status.name.lower(),
@@ -57,7 +59,9 @@ def result_document(
         "covariance_arcsec2": None if covariance is None else numbers(covariance / ARCSEC**2),
         "interval_95_arcsec": None if interval is None else numbers(interval / ARCSEC),
         **_from_data(c),
+        **motion_document(c),
         "span": _span(c),
+        "orbit": orbit_document(where.orbit),
         "fit": _fit(c),
         "geolocation": {
             "before": accuracy_document(c.accuracy(after=False)),
@@ -75,7 +79,7 @@ def result_document(
         ],
         **_budget(c),
         **({} if estimate.parameters is None or refuted else _parameters(c, estimate.parameters)),
-        **_shared(c),
+        **_shared(c, where),
         **({} if truth is None or refuted else {"truth": _truth(c, truth)}),
         "inputs": dict(inputs),
         "software": _software(),
@@ -239,7 +243,7 @@ def _parameters(c: Calibration, p: ParameterVector) -> dict[str, Any]:
     return {"parameters": listed, "parameter_covariance": covariance}
 
 
-def _shared(c: Calibration) -> dict[str, Any]:
+def _shared(c: Calibration, where: Phases) -> dict[str, Any]:
     """Images and landmarks with their residuals; of very many those that fit worst, and how many are left out."""
     images, landmarks = c.campaign.images.ids, c.campaign.landmarks.ids
     of_images = _grouped(c, c.observations.image, len(images))
@@ -249,7 +253,7 @@ def _shared(c: Calibration) -> dict[str, Any]:
         "landmarks": max(len(landmarks) - LISTED_AT_MOST, 0),
     }
     listed = _worst(of_images[:, 1])
-    when = _when(c, listed)
+    when = _when(c, listed, where)
     return {
         "images": [_image(c, i) | when[i] | _residuals(of_images, i) for i in listed],
         "landmarks": [
@@ -259,8 +263,9 @@ def _shared(c: Calibration) -> dict[str, Any]:
     }
 
 
-def _when(c: Calibration, chosen: list[int]) -> dict[int, dict[str, str]]:
-    """Time (UTC), pass and session of images, by their number; passes and sessions without a name by their number."""
+def _when(c: Calibration, chosen: list[int], where: Phases) -> dict[int, dict[str, Any]]:
+    """Time (UTC), pass, session and place on the orbit of images, by their number; passes and sessions without a name
+    by their number."""
     images = c.campaign.images
     times = format_iso(images.t_ns[chosen], "UTC")
     of_pass, of_session = passes(c.campaign) + 1, sessions(c.campaign) + 1
@@ -269,6 +274,8 @@ def _when(c: Calibration, chosen: list[int]) -> dict[int, dict[str, str]]:
             "time": time,
             "pass": str(of_pass[i]) if images.passes is None else images.passes[i],
             "session": str(of_session[i]) if images.sessions is None else images.sessions[i],
+            "argument_of_latitude_deg": numbers(where.u[i] / DEG % 360.0),
+            "sun_beta_deg": numbers(where.beta[i] / DEG),
         }
         for i, time in zip(chosen, times, strict=True)
     }

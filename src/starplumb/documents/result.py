@@ -12,6 +12,7 @@ from ..estimators.protocol import Status
 from ..physics import so3
 from ..physics.units import ARCSEC
 from .document import Document, Matrix3, MatrixOrNulls3, Number, Numbers3, Part
+from .motion import MotionPart, OrbitPart
 
 ROTATION = 1e-6
 """A matrix farther from a rotation than this is refused."""
@@ -146,6 +147,8 @@ class Image(Part):
     time: str | None = None
     pass_: str | None = Field(default=None, alias="pass")
     session: str | None = None
+    argument_of_latitude_deg: Number = None
+    sun_beta_deg: Number = None
     observations: int
     rms_px: Number
     rms_own_px: Number
@@ -184,7 +187,9 @@ class ResultDocument(Document):
     degrees_of_freedom_from_data: Numbers3 | None = None
     jackknife_sigma_arcsec: Numbers3 | None = None
     sources: list[Source] | None = None
+    motion: MotionPart | None = None
     span: Span | None = None
+    orbit: OrbitPart | None = None
     fit: Fit
     geolocation: Geolocation
     rejected: list[Rejected]

@@ -29,6 +29,7 @@ from .contradictions import (
 )
 from .files.evidence import Evidence
 from .files.findings import findings_of_files
+from .motion.found import Moves, finding_of, moves
 from .reference import Reference
 from .residuals import Accuracy, Residuals, residuals
 from .scatter.from_data import FromData, from_data, image_rotations, levels_of
@@ -76,6 +77,8 @@ class Calibration:
     """Half-widths (3,) rad of the 95 % intervals about E's axes, widened by what was found."""
     from_data: FromData | None = None
     """What the scatter of the images says of the answer and of each source of error."""
+    moves: Moves | None = None
+    """Whether and how the mounting moves."""
 
     @property
     def C_EK(self) -> Array:
@@ -145,12 +148,14 @@ def calibrate(campaign: Campaign, estimator: Estimator, by_gls: Calibration | No
     snooping = snoop(fit, estimate) if tested else None
     traded, left = tuple(combinations(observations, estimate)), residuals(fit, used)
     scatter = _scatter(campaign, fit, estimate) if tested else None
+    moving = moves(campaign, fit) if tested else None
     support = Support(campaign, observations, ~campaign.sightings.check, used)
     again = Gls(unknowns.parameters, compiled=unknowns.compiled)
     evidence = _evidence(campaign, observations, estimate, used)
     found = [
         *contradictions(support, estimate, left),
         *(findings_of_sources(scatter, int(np.sum(support.counts[1] > 0))) if tested else ()),
+        *_moving(moving, estimate),
         *(Finding(e.text, e.weakens, refutes=e.refuses, covariance_E=e.covariance_E) for e in evidence),
         *(Finding(c.sentence, c.growth >= UNKNOWN) for c in traded),
         *_consistent(support, estimate, again, snooping),
@@ -177,6 +182,7 @@ def calibrate(campaign: Campaign, estimator: Estimator, by_gls: Calibration | No
         evidence=evidence,
         interval_95_E=_interval(estimate, scatter, found) if status.usable else None,
         from_data=scatter if status.usable else None,
+        moves=moving if status.usable else None,
     )
 
 
@@ -254,6 +260,12 @@ def _unmodelled(campaign: Campaign, fit: Fit, estimate: AlignmentEstimate) -> li
         return []
     dof = 0 if estimate.degrees_of_freedom is None else int(estimate.degrees_of_freedom)
     found = unmodelled(campaign, fit, float(estimate.chi2) / max(dof, 1))
+    return [] if found is None else [found]
+
+
+def _moving(moving: Moves | None, estimate: AlignmentEstimate) -> list[Finding]:
+    """What is said of a mounting that moves."""
+    found = finding_of(moving, estimate.covariance_E)
     return [] if found is None else [found]
 
 

@@ -103,6 +103,7 @@ def _sections(c: Calibration, document: Mapping[str, Any]) -> tuple[Section, ...
             (
                 *tables.parameters(document),
                 *tables.sources(document),
+                *tables.motion(document),
                 *lists.rejections(document),
                 *lists.images(document),
                 *lists.markers(document),

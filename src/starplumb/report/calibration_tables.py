@@ -80,6 +80,23 @@ def sources(document: Document) -> tuple[Table, ...]:
     return (Table("Errors as stated and as the data show them", head, rows, note=note),) if rows else ()
 
 
+def motion(document: Document) -> tuple[Table, ...]:
+    """Tests of a mounting that moves."""
+    found = document.get("motion")
+    if not found:
+        return ()
+    rows = [
+        (", ".join(test["columns"]), number(test["p"], 2), number(test["detectable_arcsec"], 3))
+        for test in found["tests"]
+    ]
+    note = (
+        "p is the probability of any such finding, over all that is tried, where the mounting rests; the amplitude, "
+        "about each axis, is that which the test finds with 90 % probability: of a sine, of the whole change over the "
+        "span, of a step in the middle, of half the change over the range of a temperature."
+    )
+    return (Table("Does the mounting move?", ("with", "p", "found from, arcsec"), rows, note=note),)
+
+
 def mounting_words(document: Document) -> str:
     camera, tracker = document["mounting"]["from"], document["mounting"]["to"]
     return (

@@ -1,0 +1,89 @@
+"""What ``result.json`` says of a mounting that moves, and of the orbit that it may move with."""
+
+from __future__ import annotations
+
+from math import pi
+from typing import Annotated, Any
+
+from annotated_types import Len
+
+from ..judge.calibrate import Calibration
+from ..judge.motion.found import Moves
+from ..physics.timescales import format_iso
+from ..physics.units import ARCSEC, DEG
+from ..table.phases import OrbitPhase
+from .document import Number, Numbers3, Part
+from .numbers import numbers
+
+
+class MotionTest(Part):
+    """One test of a motion: ``p`` is corrected for all that is tried; of a step the most likely is named."""
+
+    name: str
+    columns: list[str]
+    p: float
+    detectable_arcsec: Number
+
+
+class MotionModel(Part):
+    """A motion that was estimated: the mounting is ``exp(sum of coefficients times columns) matrix``."""
+
+    asked: str
+    columns: list[str]
+    coefficients_arcsec: list[Numbers3]
+    covariance_arcsec2: list[list[float]]
+    weights: dict[str, float]
+    temperatures_c: dict[str, Annotated[list[float], Len(2, 2)]] | None = None
+
+
+class MotionPart(Part):
+    """Tests of a mounting that moves; the amplitude that is found with 90 % probability, of a sine with the orbit
+    where that is tested, else of a change over the span; what --drift estimated."""
+
+    tests: list[MotionTest]
+    detectable_arcsec: Number
+    model: MotionModel | None
+
+
+class OrbitPart(Part):
+    """Even motion along the orbit: the argument of latitude is ``mean_motion_deg_s`` times the time since
+    ``node_time``."""
+
+    node_time: str
+    time_scale: str
+    mean_motion_deg_s: float
+    period_s: float
+
+
+def motion_document(c: Calibration) -> dict[str, Any]:
+    """``motion`` of a calibration, null where too few images tell of any."""
+    return {"motion": None if c.moves is None else _motion(c.moves)}
+
+
+def _motion(found: Moves) -> dict[str, Any]:
+    lead = found.detectable
+    return {
+        "tests": [
+            {
+                "name": test.name,
+                "columns": list(test.columns),
+                "p": test.p,
+                "detectable_arcsec": numbers(test.detectable / ARCSEC),
+            }
+            for test in found.tests
+        ],
+        "detectable_arcsec": None if lead is None else numbers(lead / ARCSEC),
+        "model": None,
+    }
+
+
+def orbit_document(orbit: OrbitPhase | None) -> dict[str, Any] | None:
+    """The even motion along an orbit."""
+    if orbit is None:
+        return None
+    return {
+        "node_time": format_iso([orbit.node_ns], "UTC")[0],
+        "time_scale": "UTC",
+        "mean_motion_deg_s": numbers(orbit.rate / DEG),
+        "period_s": numbers(2.0 * pi / orbit.rate),
+    }

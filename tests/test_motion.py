@@ -1,0 +1,267 @@
+"""A mounting that moves: its phases, the equations of its motion, the tests, what they would find, and the average."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import binomtest
+
+from problems import C_EK_TRUE, FRAME, UniformEarth, truth
+from starplumb.estimators.gls import Gls
+from starplumb.judge.calibrate import calibrate
+from starplumb.judge.motion.averaging import averaged, structures
+from starplumb.judge.motion.directed import FOUND_P, directed_tests
+from starplumb.judge.motion.regressors import Scales, When, families, harmonics, told_apart
+from starplumb.judge.motion.sums import ImageSums, image_sums
+from starplumb.judge.snooping import fit_at
+from starplumb.physics import so3
+from starplumb.physics.orbit import KeplerOrbit
+from starplumb.physics.timescales import parse
+from starplumb.physics.units import ARCSEC, DEG
+from starplumb.plan import scene
+from starplumb.table.geometry import observe
+from starplumb.table.parameter_names import parameters
+from starplumb.table.phases import OrbitPhase, even_motion, latitude_argument, mean_rate, sun_beta
+from starplumb.table.simulate import Errors
+
+PERIOD_S = 5830.0
+ORBIT = OrbitPhase(0, 2.0 * np.pi / PERIOD_S)
+FINE = np.array([1.0, 1.0, 2.0])
+
+
+def images(rng, m=30):
+    """Times of three images a date, a date every eight orbits, at any phase, and the scales of their columns."""
+    t = np.sort((np.arange(m) // 3 * 8 + rng.uniform(0.0, 1.0, m)) * PERIOD_S)
+    when = When(np.rint(1e9 * t).astype(np.int64), 2.0 * np.pi * t / PERIOD_S)
+    return when, Scales.of(when, ORBIT)
+
+
+def sums_of(d, sigma=FINE):
+    """Equations of images that make rotations d (m, 3), known to sigma each."""
+    m = len(d)
+    N = np.broadcast_to(np.diag(sigma**-2.0), (m, 3, 3))
+    b = -(N @ d[..., None])[..., 0]
+    return ImageSums(np.arange(m), N, b, np.zeros((m, 0, 3)), np.zeros(0), np.zeros((3, 3)), np.zeros(3))
+
+
+def tried(d, when, scales):
+    return directed_tests(sums_of(d), when, scales, families(when, scales))
+
+
+# The orbit ----------------------------------------------------------------------------------------------------
+
+
+def test_the_argument_of_latitude_of_a_circle_is_its_anomaly():
+    """A circle at 1000 km about an Earth that turns: the satellite is u past the node when it was started u past it."""
+    orbit = KeplerOrbit(7378e3, 0.0, 63 * DEG, 0.4, 0.0, 0.0, j2=0.0)
+    time = np.array([0.0, 700.0, 2500.0, 5000.0])
+    r_J, v_J = scene.fly(orbit, UniformEarth(), 0, time)
+    n = np.sqrt(3.986004418e14 / 7378e3**3)
+    np.testing.assert_allclose(
+        np.angle(np.exp(1j * (latitude_argument(r_J, v_J) - n * time))), 0.0, atol=1e-9
+    )
+
+
+def test_an_even_motion_is_found_across_months_without_an_image(rng):
+    """Forty images of ten dates, a fortnight apart and more: thousands of turns counted without a slip."""
+    orbit = KeplerOrbit(6950e3, 0.001, 97.6 * DEG, 0.4, 0.9, 2.0)
+    time = np.sort(rng.uniform(0.0, 6e3, 40) + 86400.0 * np.repeat(np.sort(rng.uniform(0.0, 200.0, 10)), 4))
+    r_J, v_J = scene.fly(orbit, UniformEarth(), 0, time)
+    u, t_ns = latitude_argument(r_J, v_J), scene.epochs_ns(0, time)
+    found = even_motion(t_ns, u, float(np.median(mean_rate(r_J, v_J))))
+    later = 250.0 * 86400.0 + np.linspace(0.0, 6e3, 9)
+    wanted = latitude_argument(*scene.fly(orbit, UniformEarth(), 0, later))
+    off = np.angle(np.exp(1j * (found.at(scene.epochs_ns(0, later)) - wanted)))
+    assert np.max(np.abs(off)) < 0.5 * DEG  # the centre's equation is 2 e = 0.1 deg
+
+
+def test_phases_at_random_have_no_even_motion(rng):
+    t_ns = np.sort(rng.integers(0, 10**15, 30))
+    assert even_motion(t_ns, rng.uniform(-np.pi, np.pi, 30), 1.1e-3) is None
+
+
+def test_the_sun_stands_over_an_orbit_whose_normal_points_at_it():
+    """At the equinox of March the Sun's right ascension and declination are 0: an equatorial orbit has beta 0, and at
+    the solstice of June 23.44 deg; a polar one over the meridian of the Sun's place 6 h off has 90 deg."""
+    t_ns = parse(["2026-03-20T14:46:00", "2026-06-21T08:25:00"], "UTC")
+    r_J, v_J = np.array([[7e6, 0.0, 0.0]] * 2), np.array([[0.0, 7.0e3, 0.0]] * 2)
+    np.testing.assert_allclose(sun_beta(t_ns, r_J, v_J) / DEG, [0.0, 23.44], atol=0.02)
+    # Greenwich sees the Sun at 12h + equation of time (-7.4 min in March): turn the orbit's normal that way
+    noon = parse(["2026-03-20T12:07:24"], "UTC")
+    polar = sun_beta(noon, np.array([[0.0, 0.0, 7e6]]), np.array([[0.0, -7.5e3, 0.0]]))
+    assert abs(polar[0] / DEG - 90.0) < 0.2
+
+
+# The equations ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("site", [False, True], ids=["markers of their own", "one site"])
+@pytest.mark.parametrize("names", [(), ("time_offset=10ms",)], ids=["alone", "with a clock"])
+def test_the_equations_of_a_constant_are_those_of_the_adjustment(rng, site, names):
+    """Errors in common, a clock and landmarks seen again are eliminated as the whole adjustment eliminates them."""
+    true = truth(FRAME, 6, 9, tilt_deg=15.0, yaw_deg=60.0, shared_site=site)
+    campaign = scene.measured(true, Errors.draw(observe(true), rng), C_EK_TRUE)
+    found = calibrate(campaign, Gls(parameters(list(names), campaign)))
+    fit = fit_at(
+        found.estimate.unknowns, found.observations, campaign.C_EK, found.estimate, found.residuals.used
+    )
+    M, v = image_sums(fit).equations(np.ones((6, 1)))
+    scale = np.outer(found.sigma_E, found.sigma_E)
+    np.testing.assert_allclose(np.linalg.inv(M) / scale, found.covariance_E / scale, atol=1e-5)
+    assert np.max(np.abs(np.linalg.solve(M, v)) / found.sigma_E) < 1e-3
+
+
+def test_a_sine_of_the_mounting_comes_back_from_pixels(rng):
+    """Twenty images on most of an orbit, the mounting turning by 40 arcsec about x: by exact pixels, exactly."""
+    true = truth(FRAME, 20, 8, tilt_deg=15.0, yaw_deg=60.0)
+    o = observe(true)
+    u = np.linspace(0.0, 5.5, 20)
+    nothing = Errors(*(0.0 * x for x in vars(Errors.draw(o, rng)).values() if x is not None))
+    turn = 40.0 * ARCSEC * np.cos(u)[:, None] * np.array([1.0, 0.0, 0.0])
+    campaign = scene.measured(true, replace(nothing, alpha_E=turn), C_EK_TRUE)
+    found = calibrate(campaign, Gls())
+    fit = fit_at(
+        found.estimate.unknowns, found.observations, campaign.C_EK, found.estimate, found.residuals.used
+    )
+    F = np.stack([np.ones(20), np.cos(u), np.sin(u)], axis=-1)
+    M, v = image_sums(fit).equations(F)
+    c = -np.linalg.solve(M, v).reshape(3, 3) / ARCSEC
+    # an attitude that is off by alpha asks for a mounting that is off by as much
+    np.testing.assert_allclose(c[1], [40.0, 0.0, 0.0], atol=0.01)
+    np.testing.assert_allclose(c[2], 0.0, atol=0.01)
+
+
+# The tests ----------------------------------------------------------------------------------------------------
+
+
+def alarms(rng, runs, m, grown):
+    found = []
+    for _ in range(runs):
+        when, scales = images(rng, m)
+        found.append(tried(grown * FINE * rng.normal(size=(m, 3)), when, scales)[0].p)
+    return np.array(found)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("grown", [1.0, 2.0], ids=["as stated", "twice as stated"])
+@pytest.mark.parametrize("m", [6, 30])
+def test_a_mounting_that_rests_raises_few_alarms_whatever_the_sigmas(rng, m, grown):
+    p = alarms(rng, 200, m, grown)
+    assert binomtest(int(np.sum(p < FOUND_P)), p.size, 0.02, alternative="greater").pvalue > 1e-3
+
+
+def moved(name, rng, when, scales):
+    """A motion of amplitude 1 about each axis, (m, 3)."""
+    sign = rng.choice([-1.0, 1.0], 3)
+    if name == "orbit:1":
+        return np.cos(when.u[:, None] - rng.uniform(0.0, 2.0 * np.pi, 3))
+    if name == "linear":
+        return scales.column("linear", when)[:, None] * sign
+    return np.where(np.arange(30) < 15, -0.5, 0.5)[:, None] * sign
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["orbit:1", "linear", "step"])
+def test_the_detectable_amplitude_is_found_in_nine_of_ten(rng, name):
+    shares = {}
+    for factor in (0.8, 1.2):
+        hits = []
+        for _ in range(60):
+            when, scales = images(rng)
+            rests = {test.name: test for test in tried(FINE * rng.normal(size=(30, 3)), when, scales)}
+            size = factor * rests[name].detectable
+            tests = tried(
+                FINE * rng.normal(size=(30, 3)) + size * moved(name, rng, when, scales), when, scales
+            )
+            hits.append(any(test.p < FOUND_P for test in tests if test.name == name))
+        shares[factor] = np.mean(hits)
+    # 90 % at the amplitude itself; the share of detections grows by a quarter within 20 % of it
+    assert shares[0.8] < 0.9 < shares[1.2] + 0.03
+
+
+def test_each_motion_is_found_by_its_name(rng):
+    when, scales = images(rng)
+    noise = FINE * rng.normal(size=(30, 3))
+    u, t = when.u[:, None], scales.column("linear", when)[:, None]
+    for move, name in (
+        (5.0 * np.cos(u - 1.0), "orbit:1"),
+        (9.0 * t, "linear"),
+        (np.where(np.arange(30) < 12, 0.0, 6.0)[:, None], "step"),
+    ):
+        assert tried(noise + move * np.ones(3), when, scales)[0].name == name
+
+
+def test_images_on_a_short_arc_test_no_harmonic(rng):
+    """In 60 degrees of an orbit a sine is a parabola: a motion with the orbit is not told."""
+    u = np.linspace(0.0, 60.0 * DEG, 20)
+    when = When(np.rint(1e9 * u / ORBIT.rate).astype(np.int64), u)
+    assert set(families(when, Scales.of(when, ORBIT))) == {"linear", "step"}
+    F = np.stack([np.ones(20), np.cos(4.0 * u), np.sin(4.0 * u)], axis=-1)
+    assert told_apart(F)
+
+
+# The average --------------------------------------------------------------------------------------------------
+
+
+def test_the_average_of_one_model_is_least_squares(rng):
+    """With images that say much, what is known of coefficients beforehand does nothing."""
+    when, scales = images(rng)
+    d = 1e-3 * FINE * rng.normal(size=(30, 3)) + 0.05 * np.cos(when.u)[:, None]
+    motion = averaged(sums_of(d, 1e-3 * FINE), when, scales, {"orbit:1": (harmonics(1),)})
+    F = np.stack([np.ones(30), np.cos(when.u), np.sin(when.u)], axis=-1)
+    np.testing.assert_allclose(motion.coefficients, np.linalg.lstsq(F, d)[0], atol=2e-5)
+    np.testing.assert_allclose(
+        motion.covariance[:3, :3],
+        np.linalg.inv(F.T @ F)[0, 0] * np.diag((1e-3 * FINE) ** 2),
+        rtol=1e-2,
+        atol=1e-12,
+    )
+
+
+@pytest.mark.slow
+def test_few_images_of_one_date_lose_nothing_by_the_average(rng):
+    """Eight images within seven minutes, mountings that rest: as good as the constant."""
+    plain, average = [], []
+    for _ in range(120):
+        t = np.sort(rng.uniform(0.0, 400.0, 8))
+        when = When(np.rint(1e9 * t).astype(np.int64), 2.0 * np.pi * t / PERIOD_S)
+        scales = Scales.of(when, ORBIT)
+        d = FINE * rng.normal(size=(8, 3))
+        motion = averaged(sums_of(d), when, scales, structures(families(when, scales)))
+        plain.append(np.mean(d, axis=0) / FINE)
+        average.append(motion.mean / FINE)
+    assert np.sqrt(np.mean(np.square(average))) < 1.04 * np.sqrt(np.mean(np.square(plain)))
+
+
+# The judgement ------------------------------------------------------------------------------------------------
+
+
+def moving(rng, size_arcsec):
+    """Thirty images over a quarter of an hour, the mounting drifting by so much over them."""
+    true = truth(FRAME, 30, 10, tilt_deg=15.0, yaw_deg=60.0)
+    e = Errors.draw(observe(true), rng)
+    drift = size_arcsec * ARCSEC * np.linspace(-0.5, 0.5, 30)[:, None] * np.ones(3)
+    return scene.measured(true, replace(e, alpha_E=e.alpha_E + drift), C_EK_TRUE)
+
+
+@pytest.mark.slow
+def test_a_motion_weakens_and_the_interval_holds_all_of_it(rng):
+    held = []
+    for _ in range(5):
+        found = calibrate(moving(rng, 40.0), Gls())
+        assert found.status.name == "WEAK"
+        assert "the mounting moves" in found.message
+        assert "--drift auto" in found.message
+        for end in (-20.0, 20.0):
+            away = so3.log(so3.exp(end * ARCSEC * np.ones(3)) @ C_EK_TRUE @ found.C_EK.mT)
+            held.append(np.abs(away) < found.interval_95_E)
+    assert binomtest(int(np.sum(held)), np.size(held), 0.95, alternative="less").pvalue > 1e-3
+
+
+def test_a_mounting_that_rests_is_said_to_within_what_would_be_found(rng):
+    found = calibrate(moving(rng, 0.0), Gls())
+    assert found.status.name == "OK"
+    assert "no motion of the mounting is found; one over the span would be from" in found.message
+    assert [test.name for test in found.moves.tests if test.p < FOUND_P] == []
