@@ -15,6 +15,7 @@ from starplumb.estimators.gls import Gls
 from starplumb.io.campaign.read import load_campaign
 from starplumb.io.vendors.digitalglobe import read_digitalglobe
 from starplumb.io.vendors.digitalglobe_geo import Optics
+from starplumb.io.vendors.metadata_files import metadata_files
 from starplumb.io.vendors.product import import_product, read_product
 from starplumb.io.vendors.vendor import C_KV, Product
 from starplumb.physics import so3
@@ -546,9 +547,13 @@ def test_choices_that_a_product_does_not_have(tmp_path: Path) -> None:
     (tmp_path / "scene.txt").write_text("hello", encoding="utf-8")
     with pytest.raises(InputError, match=r"found the ending \"\.txt\""):
         read_product(tmp_path / "scene.txt")
-    (tmp_path / "other.IMD").write_text("END;", encoding="utf-8")
+    for suffix in ("IMD", "ATT", "EPH"):
+        (tmp_path / f"other.{suffix}").write_text("END;", encoding="utf-8")
     with pytest.raises(InputError, match=r"found 2 files of images, \[\"other\.IMD\", \"scene\.IMD\"\]"):
         read_product(tmp_path)
+    (tmp_path / "scene.EPH").unlink()
+    (tmp_path / "scene.xml").write_text("<isd><EPH><EPHEMLIST>1</EPHEMLIST></EPH></isd>", encoding="utf-8")
+    assert metadata_files(tmp_path) == [tmp_path / "other.IMD", tmp_path / "scene.xml"]
     empty = tmp_path / "empty"
     empty.mkdir()
     with pytest.raises(InputError, match=r"found a folder without \.IMD and \.XML"):

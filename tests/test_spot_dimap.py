@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -214,6 +215,7 @@ def _quaternions(frame: str, inverse: bool, mount: Rotation, axes: Rotation) -> 
         ("GCRF", True, [180.0, 0.0, 0.0]),
         ("GCRF", True, [0.0, 90.0, 90.0]),
         ("ITRF", True, [0.0, 0.0, 0.0]),
+        ("GCRF, scalar last", False, [0.0, 90.0, 0.0]),
     ],
 )
 def test_quaternions_of_the_star_tracker_in_any_convention(
@@ -221,7 +223,12 @@ def test_quaternions_of_the_star_tracker_in_any_convention(
 ) -> None:
     """100 arcsec about the flight direction: 402 m to the right of the line straight down, light effects off."""
     mount = Rotation.from_rotvec([100.0 * ARCSEC, 0.0, 0.0])
-    text = scene(_quaternions(frame, inverse, mount, Rotation.from_euler("xyz", axes, degrees=True)))
+    text = scene(_quaternions(frame[:4], inverse, mount, Rotation.from_euler("xyz", axes, degrees=True)))
+    if "last" in frame:
+        frame, text = (
+            "GCRF",
+            re.sub("<(/?)Q([0-3])>", lambda tag: f"<{tag[1]}Q{(int(tag[2]) - 1) % 4}>", text),
+        )
     path = _written(tmp_path, text)
     product = read_dimap(path, "raw")
     assert product.corrections == Corrections(light_time=False, aberration=False, refraction=False)

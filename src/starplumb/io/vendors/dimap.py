@@ -28,7 +28,7 @@ _METRE = {"m": 1.0}
 _PERIODS = {"s": 1.0, "ms": 1e-3, "millisecond": 1e-3, "us": 1e-6, "microsecond": 1e-6}
 _PERIOD_TOLERANCE = 0.01
 """How far rows times line period may be from END - START, relative: some files round these to a millisecond."""
-_MOST_LATE_S = 0.15
+_MOST_LATE_S = 1.0
 """A row dated farther than this from START and the line period is one of another image."""
 _NODES = 8
 """Positions the vendor's interpolation uses."""

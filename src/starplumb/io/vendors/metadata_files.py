@@ -64,20 +64,18 @@ def one_metadata_file(path: Path) -> Path:
 def metadata_files(folder: Path) -> list[Path]:
     """The files in a folder, and in the folders in it, that describe an image each.
 
-    An XML file with the name of an .IMD says the same again.
+    Of an .IMD and an XML file of one name, which say the same, the .IMD is taken where .ATT and .EPH are beside it.
     """
     every = [
         file for file in sorted(folder.rglob("*")) if len(file.relative_to(folder).parts) <= _MOST_DEEP + 1
     ]
-    text = {file.with_suffix("").as_posix().lower(): file for file in every if file.suffix.lower() == ".imd"}
-    described = [
-        file
-        for file in every
-        if file.suffix.lower() in (".xml", ".dim")
-        and file.with_suffix("").as_posix().lower() not in text
-        and _describes_an_image(file)
-    ]
-    return [*text.values(), *described]
+    named = {(file.with_suffix("").as_posix().lower(), file.suffix.lower()): file for file in every}
+    images: dict[str, Path] = {}
+    for (stem, suffix), file in named.items():
+        whole = suffix == ".imd" and {(stem, ".att"), (stem, ".eph")} <= named.keys()
+        if whole or (suffix in (".xml", ".dim") and stem not in images and _describes_an_image(file)):
+            images[stem] = file
+    return list(images.values()) or [file for (_, suffix), file in named.items() if suffix == ".imd"]
 
 
 def _describes_an_image(path: Path) -> bool:

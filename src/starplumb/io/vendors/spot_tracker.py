@@ -1,6 +1,6 @@
 """The star tracker's quaternions of SPOT 5.
 
-The format says neither their direction nor their frame nor their axes.  These are found by what the quaternions must
+The format says neither order nor direction nor frame nor axes of them.  These are found by what the quaternions must
 do: turn with the vendor's attitude, and keep to axes that lie along his but for a mounting.  Aberration
 is already in them.
 """
@@ -20,10 +20,11 @@ from ..text.tree import Array, Epochs, Node
 from .dimap_attitude import AttitudeSamples, quaternion_list
 
 _FRAMES = ("GCRF", "TOD", "MOD", "ITRF")
-"""In the order of preference."""
 _CLEARLY = 0.2
-"""Another frame than the first is believed where it misses the vendor's attitude by less than this part of it."""
+"""Another frame than GCRF, or another order than scalar first, is believed where it misses the vendor's attitude by
+less than this part of what they do."""
 _MOST_OFF = 1.0 * DEG
+_INVERSE = np.array([-1.0, -1.0, -1.0, 1.0])
 
 
 def star_tracker(root: Node, attitudes: str, vendor: AttitudeSamples) -> AttitudeSamples:
@@ -40,24 +41,27 @@ def star_tracker(root: Node, attitudes: str, vendor: AttitudeSamples) -> Attitud
     if np.count_nonzero(common) < 2:
         raise listed[0].error("quaternions at other times than the attitude's", "at least two in common")
     C_VJ = own.at(samples.t_ns[common])[0]
+    read = {(order, way): _from_frame(samples.q_EF, order, way) for order in (0, 1) for way in (1, -1)}
     tried = {
-        (frame, way): _agreement(_from_frame(samples.q_EF, way)[common], frame, samples.t_ns[common], C_VJ)
-        for frame, way in product(_FRAMES, (1, -1))
+        (frame, sense): _agreement(C_EF[common], frame, samples.t_ns[common], C_VJ)
+        for frame, (sense, C_EF) in product(_FRAMES, read.items())
     }
-    best = min(tried, key=lambda key: tried[key][0] / (1.0 if key[0] == _FRAMES[0] else _CLEARLY))
+    usual = {key: key[0] == _FRAMES[0] and key[1][0] == 0 for key in tried}
+    best = min(tried, key=lambda key: tried[key][0] / (1.0 if usual[key] else _CLEARLY))
     off, axes = tried[best]
     if not off <= _MOST_OFF:
         raise listed[0].error(
             f"quaternions that differ by {off / DEG:.3g} deg from the vendor's attitude in any frame",
             "those of the satellite's axes",
         )
-    frame, way = best
-    if min(tried[other, -way][0] for other in _FRAMES) * _CLEARLY < off:
+    frame, sense = best
+    opposite = (sense[0], -sense[1])
+    if min(tried[other, opposite][0] for other in _FRAMES) * _CLEARLY < off:
         raise listed[0].error(
             "quaternions that fit the vendor's attitude from either frame to the other",
             "a scene that tells which way they are meant",
         )
-    C_VF = axes @ _from_frame(samples.q_EF, way)
+    C_VF = axes @ read[sense]
     if frame in FRAMES_OF_DATE:
         C_VF = C_VF @ C_IF(frame, samples.t_ns).mT
     said = (
@@ -68,9 +72,9 @@ def star_tracker(root: Node, attitudes: str, vendor: AttitudeSamples) -> Attitud
     return AttitudeSamples(samples.t_ns, so3.to_quaternion(C_VF), kept, (*samples.notices, said))
 
 
-def _from_frame(q: Array, way: int) -> Array:
-    """C_EF of quaternions, or of their inverses."""
-    C = so3.from_quaternion(q)
+def _from_frame(q: Array, order: int, way: int) -> Array:
+    """C_EF of quaternions (n, 4) that were read scalar first, with ``order`` 1 taken scalar last; or the inverses."""
+    C = so3.from_quaternion(np.roll(q * _INVERSE, order, axis=-1) * _INVERSE if order else q)
     return C if way > 0 else C.mT
 
 
