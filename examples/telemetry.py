@@ -8,6 +8,7 @@ out of the sensor; their times stand in their names. `campaign.toml` declares al
 
 from dataclasses import replace
 from datetime import datetime
+from itertools import pairwise
 from pathlib import Path
 
 import matplotlib.pyplot as plt
@@ -53,7 +54,7 @@ flown = scene.measured(truth, Errors.draw(observe(truth), np.random.default_rng(
 # attitude from the body to J2000, and between the images a mode in which it is not to be used
 q = (flown.attitude.q_EF * [-1.0, -1.0, -1.0, 1.0])[:, [3, 0, 1, 2]]
 rows = [(t, *digits(row, 9), "FINE") for t, row in zip(unix(flown.attitude.t_ns), q, strict=True)]
-for a, b in zip(rows[:-1], rows[1:], strict=True):
+for a, b in pairwise(tuple(rows)):
     if b[0] - a[0] > 5.0:
         rows.append((a[0] + 2.0, "0.000000000", "0.000000000", "0.000000000", "0.000000000", "SLEW"))
 time, *columns = zip(*sorted(rows), strict=True)
