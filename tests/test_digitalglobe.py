@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from starplumb.estimators.gls import Gls
 from starplumb.io.campaign.read import load_campaign
 from starplumb.io.vendors.digitalglobe import read_digitalglobe
-from starplumb.io.vendors.digitalglobe_geo import Optics
+from starplumb.io.vendors.digitalglobe_geo import Bend, Optics
 from starplumb.io.vendors.metadata_files import metadata_files
 from starplumb.io.vendors.product import import_product, read_product
 from starplumb.io.vendors.vendor import C_KV, Product
@@ -400,6 +400,46 @@ def test_a_line_of_detectors_that_is_rotated(tmp_path: Path) -> None:
     np.testing.assert_allclose([y, z], expected, atol=1e-3)
 
 
+@pytest.mark.parametrize(("sign", "y_first"), [(1.0, False), (-1.0, True)])
+def test_a_distortion_is_taken_in_the_sense_that_meets_the_corners(
+    tmp_path: Path, sign: float, y_first: bool
+) -> None:
+    """Terms 1, x, y, x^2, xy, y^2: 1e-5 y^2 mm moves the ends of the line, at 100 mm, by one pixel of 0.1 mm."""
+    parts = _parts()
+    place = [0.0, 0.0, 0.0, 1e-5, 0.0, 0.0] if y_first else [0.0, 0.0, 0.0, 0.0, 0.0, 1e-5]
+    lens = {"polyOrder": "2", "aList": [[0.0] * 6], "bList": [place]}
+    parts["GEO"] = {**GEO, "OPTICAL_DISTORTION": lens}
+    path = _write(tmp_path, parts)
+    with pytest.raises(
+        InputError, match=r"whose convention is not published, and corners .* away in any sense"
+    ):
+        read_digitalglobe(path)
+    bend = Bend((0.0,) * 6, tuple(place), sign, y_first)
+    true = read_digitalglobe(path, Optics(10_000.0, 0.1, (0.0, 100.0), bend=bend))
+    assert true.detectors.tan_x[0] == pytest.approx(-(100.0 + sign * 0.1) / 10_000.0, rel=1e-12)
+    corners: dict[str, object] = {}
+    _cornered(true, corners, 300.0)
+    parts["IMD"] = {**_imd(), "BAND_P": corners}
+    product = read_digitalglobe(_write(tmp_path, parts))
+    np.testing.assert_allclose(product.detectors.tan_x, true.detectors.tan_x, rtol=0, atol=1e-15)
+    assert "the corners are met within" in product.notices[-1]
+
+
+def test_a_distortion_that_the_corners_do_not_tell_is_refused(tmp_path: Path) -> None:
+    """A term that is nothing at both ends of the line, and 25 pixels in its middle half-way out."""
+    parts = _parts()
+    terms = [0.0] * 10
+    terms[2], terms[9] = 2.5e-3, -2.5e-7  # y and y^3, which cancel at 100 mm
+    parts["GEO"] = {**GEO, "OPTICAL_DISTORTION": {"polyOrder": "3", "aList": [[0.0] * 10], "bList": [terms]}}
+    path = _write(tmp_path, parts)
+    corners: dict[str, object] = {}
+    bend = Bend((0.0,) * 10, tuple(terms))
+    _cornered(read_digitalglobe(path, Optics(10_000.0, 0.1, (0.0, 100.0), bend=bend)), corners, 300.0)
+    parts["IMD"] = {**_imd(), "BAND_P": corners}
+    with pytest.raises(InputError, match="and corners that do not tell it, wanted the optics stated"):
+        read_digitalglobe(_write(tmp_path, parts))
+
+
 def test_mount_and_perspective_centre_of_the_geo(tmp_path: Path) -> None:
     """A camera 50 m below the body's origin, 0.01 rad nose up: x_V tips towards -z_V, the boresight ahead."""
     turn = Rotation.from_rotvec([0.0, 0.01, 0.0])
@@ -506,7 +546,7 @@ BAD: list[tuple[Change, str]] = [
         "found 2 times DETECTOR_ARRAY",
     ),
     (_set("GEO", "DETECTOR_MOUNTING", {"BAND_R": {"x": "1"}}), "found the bands BAND_R, wanted BAND_P"),
-    (_set("GEO", "OPTICAL_DISTORTION/aList", [[0.0, 1e-9]]), "an optical distortion"),
+    (_set("GEO", "OPTICAL_DISTORTION/aList", [[0.0, 1e-9]]), "an optical distortion of 2 and 1 terms"),
     (_set("GEO", "CAMERA_ATTITUDE/qcs4", "0.5"), "found a quaternion of norm 0.5"),
     (_set("GEO", "PRINCIPAL_DISTANCE/pd", "0"), 'pd: found "0", wanted a positive number'),
 ]

@@ -20,7 +20,7 @@ from ...physics.units import DEG
 from ..text.pvl import read_pvl
 from ..text.tree import Array, Epochs, Node, read_xml
 from ..text.values import UNIT_TOLERANCE
-from .digitalglobe_geo import Optics, band_group, mounted, read_optics
+from .digitalglobe_geo import Optics, band_group, mounted, read_optics, told_by_corners
 from .digitalglobe_times import timing, true_columns
 from .metadata_files import DIGITALGLOBE
 from .vendor import C_KV, Corners, Product
@@ -66,6 +66,7 @@ def read_digitalglobe(path: Path, optics: Optics | None = None, band: str | None
     attitude = _samples(parts.att, "attList", 4, 4)
     _require_unit(parts.att, attitude.values)
     band = band or parts.imd.need("bandId").text
+    stated = optics is not None
     if optics is None:
         if parts.geo is None:
             raise InputError(f"{path}: found no .GEO beside it, wanted it or the camera's optics stated")
@@ -93,7 +94,8 @@ def read_digitalglobe(path: Path, optics: Optics | None = None, band: str | None
         corners=_corners(parts.imd, band, columns, times.rows),
         notices=(*times.notices, *said, *_knowledge(image)),
     )
-    return product if parts.geo is None else mounted(product, parts.geo)
+    product = product if parts.geo is None else mounted(product, parts.geo)
+    return product if stated else told_by_corners(product, optics)
 
 
 def _parts(path: Path) -> _Parts:

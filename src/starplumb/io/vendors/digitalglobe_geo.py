@@ -10,23 +10,50 @@ from ...physics import so3
 from ...physics.errors import InputError
 from ...physics.series import Attitude
 from ...physics.units import DEG
-from ..text.files import show
 from ..text.tree import Node
 from ..text.values import UNIT_TOLERANCE
-from .vendor import C_KV, Detectors, Product
+from .vendor import C_KV, CORNERS_AGREE_M, Array, Detectors, Product, corners_missed
+
+_COLUMN_STEP = 16
+"""Columns between look directions of a line that is not straight."""
+_TELLS_M = 1.0
+"""Senses of a distortion that differ less than this in the corners are not told apart by them."""
+_SAME_PX = 0.2
+"""Senses that differ less than this everywhere are one."""
+
+
+@dataclass(frozen=True)
+class Bend:
+    """Distortion: a place (x, y) mm of the focal plane is moved by ``sign`` times polynomials with ``a`` and ``b``.
+
+    Their terms are ``c x^(i-j) y^j`` for i = 0 .. order and j = 0 .. i, or with ``y_first`` those of x and y exchanged.
+    """
+
+    a: tuple[float, ...]
+    b: tuple[float, ...]
+    sign: float = 1.0
+    y_first: bool = False
+
+    def moved(self, x: Array, y: Array) -> tuple[Array, Array]:
+        u, v = (y, x) if self.y_first else (x, y)
+        order = range(round((2 * len(self.a)) ** 0.5))
+        terms = np.stack([u ** (i - j) * v**j for i in order for j in range(i + 1)], axis=-1)
+        return x + self.sign * (terms @ np.array(self.a)), y + self.sign * (terms @ np.array(self.b))
 
 
 @dataclass(frozen=True)
 class Optics:
     """The line of detectors behind the lens in the camera axes V (x along the flight, z down).
 
-    Column s looks along ``(ox + p s sin a, oy - p s cos a, pd)``: origin o, pitch p, rotation a, principal distance pd.
+    Column s looks along ``(ox + p s sin a, oy - p s cos a, pd)``: origin o, pitch p, rotation a, principal distance pd;
+    ``bend`` then moves the first two.
     """
 
     principal_distance_mm: float
     pitch_mm: float
     origin_mm: tuple[float, float]
     rotation_deg: float = 0.0
+    bend: Bend | None = None
 
     def __post_init__(self) -> None:
         for name in ("principal_distance_mm", "pitch_mm"):
@@ -35,14 +62,15 @@ class Optics:
                 raise InputError(f"{name}: found {value:g}, wanted a positive number of millimetres")
 
     def detectors(self, columns: int) -> Detectors:
-        """Look directions of the first column and the last; the line between them is straight."""
-        column = np.array([0.0, columns - 1.0])
+        """Look directions of the first column and the last of a straight line; of a bent one of many columns."""
+        step = columns - 1 if self.bend is None else _COLUMN_STEP
+        column = np.unique(np.append(np.arange(0, columns, step), columns - 1)).astype(np.float64)
         along_mm, angle = self.pitch_mm * column, DEG * self.rotation_deg
-        return Detectors.from_vendor(
-            column,
-            (self.origin_mm[0] + along_mm * np.sin(angle)) / self.principal_distance_mm,
-            (self.origin_mm[1] - along_mm * np.cos(angle)) / self.principal_distance_mm,
-        )
+        x = self.origin_mm[0] + along_mm * np.sin(angle)
+        y = self.origin_mm[1] - along_mm * np.cos(angle)
+        if self.bend is not None:
+            x, y = self.bend.moved(x, y)
+        return Detectors.from_vendor(column, x / self.principal_distance_mm, y / self.principal_distance_mm)
 
 
 def band_group(parent: Node, band: str) -> Node:
@@ -60,15 +88,10 @@ def band_group(parent: Node, band: str) -> Node:
 
 
 def read_optics(geo: Node, band: str) -> Optics:
-    """Optics of a band. Raises InputError for terms whose convention is not published, and for staggered arrays.
+    """Optics of a band. Raises InputError for staggered arrays.
 
     ``detRotAngle`` is in degrees, and turns the line of detectors from -y of V to x.
     """
-    for key in ("aList", "bList"):
-        listed = geo.find(f"OPTICAL_DISTORTION/{key}List")
-        for row in listed.all(key) if listed else []:
-            if row.text and np.any(row.numbers() != 0.0):
-                raise row.error(f"an optical distortion, {show(row.text)}", "none, or the optics stated")
     mounting = geo.need("DETECTOR_MOUNTING")
     array = band_group(mounting, band).one("DETECTOR_ARRAY")
     return Optics(
@@ -76,7 +99,62 @@ def read_optics(geo: Node, band: str) -> Optics:
         pitch_mm=array.need("detPitch").positive(),
         origin_mm=(array.need("detOriginX").number(), array.need("detOriginY").number()),
         rotation_deg=array.need("detRotAngle").number(),
+        bend=_bend(geo),
     )
+
+
+def _bend(geo: Node) -> Bend | None:
+    """The coefficients of the optical distortion, None where all of them are zero."""
+    values = {}
+    for key in ("aList", "bList"):
+        listed = geo.find(f"OPTICAL_DISTORTION/{key}List")
+        rows = [row.numbers().tolist() for row in listed.all(key) if row.text] if listed else []
+        values[key] = tuple(value for row in rows for value in row)
+    if not any(values["aList"]) and not any(values["bList"]):
+        return None
+    node = geo.need("OPTICAL_DISTORTION/polyOrder")
+    order = round(node.number())
+    terms = (order + 1) * (order + 2) // 2
+    if order < 0 or {len(value) for value in values.values()} != {terms}:
+        found = f"an optical distortion of {len(values['aList'])} and {len(values['bList'])} terms"
+        raise node.error(found, f"{terms} each for the order {node.text}")
+    return Bend(values["aList"], values["bList"])
+
+
+def told_by_corners(product: Product, optics: Optics) -> Product:
+    """The product with its distortion in the sense, which is not published, with which it meets its own corners.
+
+    Raises InputError where the corners are missing, contradict every sense or do not tell two apart.
+    """
+    if optics.bend is None:
+        return product
+    unknown = f"{product.path}: found an optical distortion, whose convention is not published,"
+    if product.corners is None or not product.corners.have_heights:
+        raise InputError(f"{unknown} and no corners to tell it by, wanted the optics stated")
+    tried = [
+        replace(product, detectors=replace(optics, bend=bend).detectors(product.columns))
+        for sign in (1.0, -1.0)
+        for bend in (replace(optics.bend, sign=sign), replace(optics.bend, sign=sign, y_first=True))
+    ]
+    away = [corners_missed(other, other.campaign(1.0, 1.0)) for other in tried]
+    best = int(np.argmin(away))
+    if not away[best] <= CORNERS_AGREE_M:
+        raise InputError(
+            f"{unknown} and corners {away[best]:.4g} m away in any sense, wanted the optics stated"
+        )
+    pixel = optics.pitch_mm / optics.principal_distance_mm
+    for other, missed in zip(tried, away, strict=True):
+        apart = np.hypot(
+            other.detectors.tan_x - tried[best].detectors.tan_x,
+            other.detectors.tan_y - tried[best].detectors.tan_y,
+        )
+        if missed <= away[best] + _TELLS_M and apart.max() > _SAME_PX * pixel:
+            raise InputError(f"{unknown} and corners that do not tell it, wanted the optics stated")
+    said = (
+        f"{product.path}: the optical distortion is taken in the sense with which the corners are met within "
+        f"{away[best]:.4g} m"
+    )
+    return replace(tried[best], notices=(*product.notices, said))
 
 
 def mounted(product: Product, geo: Node) -> Product:

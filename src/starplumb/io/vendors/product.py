@@ -12,7 +12,7 @@ from ...estimators.gls import Gls
 from ...physics.errors import EpochError, InputError
 from ...physics.timescales import format_iso
 from ...table.campaign import Campaign, Landmarks, Sightings
-from ...table.geometry import locate, observe
+from ...table.geometry import observe
 from ..campaign.marks.landmarks import read_landmarks
 from ..campaign.marks.markers import Grid, read_observations
 from ..campaign.write import write_campaign
@@ -22,13 +22,11 @@ from .digitalglobe_geo import Optics
 from .dimap import read_dimap
 from .join import Named, joined
 from .metadata_files import one_metadata_file, vendor_of
-from .vendor import AttitudeChoice, Corners, Product, Sigma
+from .vendor import CORNERS_AGREE_M, AttitudeChoice, Product, Sigma, corners_missed
 
 CORNER_LIMIT_M = 50_000.0
 """A product whose model misses its own corners by more than this was read wrongly: neither a nominal mounting nor the
 unknown height of a corner explains that much."""
-CORNERS_AGREE_M = 20.0
-"""Corners farther than this from the geometry that located them, but for the turn of a mounting, are not to be used."""
 
 
 def read_product(
@@ -176,7 +174,7 @@ def _corner_check(product: Product, campaign: Campaign) -> list[str]:
     if corners is None:
         return []
     try:
-        worst = _missed(product, campaign, corners)
+        worst = corners_missed(product, campaign)
     except EpochError:
         return []  # rows that the attitude does not cover are already reported
     if not worst <= CORNER_LIMIT_M:
@@ -191,13 +189,6 @@ def _corner_check(product: Product, campaign: Campaign) -> list[str]:
     if not corners.have_heights:
         return []
     return [f"{product.path}: with the model mounting its own corners are met within {worst:.4g} m"]
-
-
-def _missed(product: Product, campaign: Campaign, corners: Corners) -> float:
-    """How far the model is from the worst of the corners, m."""
-    image, height = np.zeros(len(corners.names), dtype=np.int64), np.nan_to_num(corners.height)
-    met = locate(campaign, product.C_EK, image, corners.column_px, corners.row_px, height)
-    return float(np.max(np.linalg.norm(met - corners.r_J, axis=-1)))
 
 
 def _contradiction(product: Product, missed: float) -> InputError:
@@ -238,7 +229,7 @@ def _with_corners(product: Product, campaign: Campaign, sigma_m: float, sigma_px
     corners = product.corners
     if corners is None or not corners.have_heights:
         raise InputError(f"{product.path}: found no corners with heights, wanted a table of landmarks")
-    if product.own_mounting and (missed := _missed(product, campaign, corners)) > CORNERS_AGREE_M:
+    if product.own_mounting and (missed := corners_missed(product, campaign)) > CORNERS_AGREE_M:
         raise _contradiction(product, missed)
     for name, sigma in (("sigma_m", sigma_m), ("sigma_px", sigma_px)):
         if not (np.isfinite(sigma) and sigma > 0.0):
@@ -259,6 +250,6 @@ def _with_corners(product: Product, campaign: Campaign, sigma_m: float, sigma_px
     )
     if not product.own_mounting:
         turned = replace(product, C_EK=Gls()(observe(cornered), product.C_EK).C_EK)
-        if (missed := _missed(turned, campaign, corners)) > CORNERS_AGREE_M:
+        if (missed := corners_missed(turned, campaign)) > CORNERS_AGREE_M:
             raise _contradiction(product, missed)
     return cornered

@@ -18,6 +18,7 @@ from ...physics.orientation import EarthOrientation
 from ...physics.series import Attitude, Ephemeris
 from ...physics.units import ARCSEC
 from ...table.campaign import Campaign, Images, Landmarks, Sightings
+from ...table.geometry import locate
 from ...table.row_times import RowTimes
 from ..text.files import show
 
@@ -27,6 +28,8 @@ AttitudeChoice = Literal["vendor", "filtered", "raw"]
 Sigma = float | Sequence[float]
 """One number, or three along or about the axes."""
 
+CORNERS_AGREE_M = 20.0
+"""Corners farther than this from the geometry that located them, but for the turn of a mounting, are not to be used."""
 C_KV = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 """K from the vendors' camera axes V (x along track, y to its right, z to the scene): columns grow towards -y_V, rows
 towards x_V."""
@@ -150,6 +153,16 @@ class Product:
             return Images((self.name,), t_ns)
         rows = None if self.row_times is None else (self.row_times,)
         return Images((self.name,), t_ns, np.array([self.line_period_s]), row_times=rows)
+
+
+def corners_missed(product: Product, campaign: Campaign) -> float:
+    """How far the product's model is from the worst of its corners, m; ``campaign`` is the product's own."""
+    if product.corners is None:
+        raise ValueError("the product has no corners")
+    corners = product.corners
+    image, height = np.zeros(len(corners.names), dtype=np.int64), np.nan_to_num(corners.height)
+    met = locate(campaign, product.C_EK, image, corners.column_px, corners.row_px, height)
+    return float(np.max(np.linalg.norm(met - corners.r_J, axis=-1)))
 
 
 def _three(name: str, sigma: Sigma) -> Array:
