@@ -213,3 +213,70 @@ def test_a_point_of_an_unknown_image_is_named_with_its_file(tmp_path):
         InputError, match=r'b\.gcp, point 12, column image_id: found "I9", wanted one of the 2'
     ):
         load_campaign(path)
+
+
+# Separators, decimal commas, and what is no table --------------------------------------------------------------
+
+
+@pytest.mark.parametrize("separator", [";", "\t", "|"])
+@pytest.mark.parametrize("decimal", [".", ","])
+def test_other_separators_and_decimal_commas_are_declared(tmp_path, separator, decimal):
+    """Times too: the seconds have a comma."""
+    plain = load_campaign(write_good_campaign(tmp_path / "plain")).campaign
+    toml, files = CAMPAIGN, {}
+    written = separator.replace("\t", "\\t")
+    for name in ("ephemeris", "attitude", "landmarks", "images", "observations"):
+        stated = f'file = "{name}.csv"\nseparator = "{written}"\ndecimal = "{decimal}"'
+        toml = toml.replace(f'file = "{name}.csv"', stated)
+        files[name] = FILES[f"{name}.csv"].replace(",", separator).replace(".", decimal)
+    found = load_campaign(write_good_campaign(tmp_path / "own", campaign=toml, **files)).campaign
+    np.testing.assert_array_equal(found.attitude.t_ns, plain.attitude.t_ns)
+    np.testing.assert_array_equal(found.images.t_ns, plain.images.t_ns)
+    np.testing.assert_array_equal(found.ephemeris.r_J, plain.ephemeris.r_J)
+    np.testing.assert_array_equal(found.landmarks.r_J, plain.landmarks.r_J)
+    np.testing.assert_array_equal(found.sightings.row_px, plain.sightings.row_px)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("semicolons", 'found columns separated by semicolons, wanted commas (or separator = ";" stated'),
+        ("tabs", 'found columns separated by tabs, wanted commas (or separator = "\\t" stated'),
+        ("bars", 'found columns separated by bars, wanted commas (or separator = "|" stated'),
+        ("workbook", "found a workbook of Excel or another zip file, wanted its sheet saved as CSV"),
+    ],
+)
+def test_what_is_separated_otherwise_or_no_table_is_told_what_to_do(tmp_path, text, says):
+    path = write_good_campaign(tmp_path)
+    marks = {"semicolons": ";", "tabs": "\t", "bars": "|"}
+    table = tmp_path / "observations.csv"
+    if text in marks:
+        table.write_text(FILES["observations.csv"].replace(",", marks[text]))
+    else:
+        table.write_bytes(b"PK\x03\x04" + bytes(range(30)))
+    with pytest.raises(InputError) as refused:
+        load_campaign(path)
+    assert says in str(refused.value)
+    assert str(refused.value).isprintable()
+
+
+def test_a_count_in_a_column_of_times_is_told_how_it_is_declared(tmp_path):
+    images = FILES["images.csv"].replace("2020-01-01T00:00:01.500", "1577836801.5")
+    with pytest.raises(
+        InputError, match=r"row 2, column time: .* a count is declared, as in time = \{ column"
+    ):
+        load_campaign(write_good_campaign(tmp_path, images=images))
+
+
+@pytest.mark.parametrize(
+    ("key", "says"),
+    [
+        ('separator = " "', 'observations.separator: found " ", wanted ",", ";", "\\t" or "|"'),
+        ('decimal = ";"', 'observations.decimal: found ";", wanted "." or ","'),
+    ],
+)
+def test_separators_are_a_few(tmp_path, key, says):
+    toml = CAMPAIGN.replace('file = "observations.csv"', f'file = "observations.csv"\n{key}')
+    with pytest.raises(InputError) as refused:
+        load_campaign(write_good_campaign(tmp_path, campaign=toml))
+    assert says in str(refused.value)

@@ -32,6 +32,7 @@ _BEGINNINGS = {
     b"ARROW1": "Arrow",
     b"\xff\xff\xff\xff": "Arrow stream",
     b"FEA1": "Feather 1",
+    b"PK\x03\x04": "Excel",
 }
 
 
@@ -155,6 +156,10 @@ def read_binary(path: Path, kind: str) -> Any:
         raise InputError(
             f"{path}: found a file of Feather version 1, wanted Parquet, Arrow or Feather version 2"
         )
+    if kind == "Excel":
+        raise InputError(
+            f"{path}: found a workbook of Excel or another zip file, wanted its sheet saved as CSV"
+        )
     try:
         if kind == "Parquet":
             from pyarrow import parquet
@@ -186,7 +191,7 @@ def table_of(name: str, data: object) -> Any:
 
             return from_dataframe(data)
     except (pa.ArrowException, TypeError, ValueError) as error:
-        reason = " ".join(str(error).split())[:120]
+        reason = " ".join("; ".join(map(str, error.args)).split())[:160]
         raise InputError(
             f"{name}: found columns that Arrow cannot hold ({reason}), wanted one type in each column"
         ) from None

@@ -58,8 +58,12 @@ def as_found(found: object) -> str:
     return f"{found:.12g}" if isinstance(found, float) else show(found)
 
 
-def to_numbers(name: str, column: str, cells: Sequence[str], row_number: Callable[[int], int]) -> Array:
+def to_numbers(
+    name: str, column: str, cells: Sequence[str], row_number: Callable[[int], int], decimal: str = "."
+) -> Array:
     """Finite numbers (n,) of n cells. Raises InputError about the first cell that is not one."""
+    if decimal != ".":
+        cells = [cell.replace(decimal, ".") for cell in cells]
     joined = "".join(cells)
     if joined.isascii() and "_" not in joined:  # float() takes 1_000 and the digits of other scripts
         try:

@@ -27,7 +27,7 @@ _BLOCK = 1 << 10
 
 def read_rows(path: Path, schema: Schema) -> Columns:
     """The columns of a file. Raises InputError naming the file and, where there is one, the row and column."""
-    lines = CsvLines(path, StringIO(read_text(path), newline=""))
+    lines = CsvLines(path, StringIO(read_text(path), newline=""), schema.separator)
     header = lines.header(schema)
     place = {name: i for i, name in enumerate(header)}
     numbers: dict[str, list[Array]] = {name: [] for name in schema.numbers_in(header)}
@@ -41,7 +41,9 @@ def read_rows(path: Path, schema: Schema) -> Columns:
                 continue
             columns = _transposed(path, block, len(header))
             for name, blocks in numbers.items():
-                blocks.append(to_numbers(str(path), name, columns[place[name]], block.line_of))
+                blocks.append(
+                    to_numbers(str(path), name, columns[place[name]], block.line_of, schema.decimal)
+                )
             for name, column in texts.items():
                 column += to_texts(str(path), name, columns[place[name]], block.line_of)
             line_blocks.append(block.line)
@@ -83,7 +85,7 @@ class CsvLines:
     ``text`` gives lines with their ends, as a file opened with ``newline=""`` does.
     """
 
-    def __init__(self, path: Path, text: Iterable[str]) -> None:
+    def __init__(self, path: Path, text: Iterable[str], separator: str = ",") -> None:
         self._path = path
         self._skipped = 0
         source = iter(text)
@@ -91,7 +93,8 @@ class CsvLines:
         while line.lstrip().startswith("#") or (line and not line.strip()):
             self._skipped += 1
             line = next(source, "")
-        self._reader = csv.reader(chain([line] if line else [], source), strict=True, skipinitialspace=True)
+        lines = chain([line] if line else [], source)
+        self._reader = csv.reader(lines, strict=True, skipinitialspace=True, delimiter=separator)
 
     @property
     def line(self) -> int:

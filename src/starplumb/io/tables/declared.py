@@ -92,7 +92,7 @@ def _whole(numbers: Sequence[Decimal], unit_ns: int) -> NDArray[np.int64]:
 class Declared:
     """``key`` is the section that declares; ``columns`` takes our names to the table's; ``keep`` the values that a row
     must have, one of several, to be used at all; ``stated`` the one value of columns that the table lacks, by
-    the key ``stated_by``."""
+    the key ``stated_by``; ``separator`` and ``decimal`` are those of a text file."""
 
     key: str = ""
     columns: Mapping[str, str] = field(default_factory=dict)
@@ -100,6 +100,8 @@ class Declared:
     time: Times | None = None
     stated: Mapping[str, float] = field(default_factory=dict)
     stated_by: str = ""
+    separator: str = ","
+    decimal: str = "."
 
     def name(self, column: str) -> str:
         """The table's own name of a column of ours."""
@@ -131,6 +133,8 @@ class Declared:
             ),
             stamps=stamps,
             keep=self.keep,
+            separator=self.separator,
+            decimal=self.decimal,
         )
 
     def _names(self, *ours: str) -> list[str]:

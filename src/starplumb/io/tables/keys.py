@@ -11,7 +11,7 @@ from ..text.sections import Section, wrong
 from ..text.values import InMemory, Text, choice
 from .declared import Declared, Times
 from .read import TABLE_SUFFIXES
-from .schema import Value
+from .schema import SEPARATORS, Value
 
 _FORMATS = ("iso", "unix", "unix_ms", "gps_seconds", "gps_week", "jd", "mjd", "doy")
 _SCALES = ("UTC", "TAI", "GPS", "TT")
@@ -85,9 +85,18 @@ class TableKeys(Section):
         Annotated[tuple[Value, ...], BeforeValidator(_values, json_schema_input_type=Value | list[Value])],
     ] = Field(default_factory=dict, description='values that a row must have to be used, { mode = "FINE" }')
 
+    separator: Annotated[Literal[",", ";", "\t", "|"], choice(*SEPARATORS)] = Field(
+        default=",", description='what stands between the cells of a text file, ",", ";", "\\t" or "|"'
+    )
+    decimal: Annotated[Literal[".", ","], choice(".", ",")] = Field(
+        default=".", description='what stands before the decimals of a text file, "." or ","'
+    )
+
     def declared(self, key: str) -> Declared:
         """What is declared of the table, for the section ``key``."""
-        return Declared(key, self.columns, self.keep, self.times)
+        return Declared(
+            key, self.columns, self.keep, self.times, separator=self.separator, decimal=self.decimal
+        )
 
     @property
     def times(self) -> Times | None:
@@ -103,7 +112,7 @@ class TableKeys(Section):
             and not name.lower().endswith(TABLE_SUFFIXES)
             for name in names
         ):
-            for key in ("columns", "keep", "time", "units"):
+            for key in ("columns", "keep", "time", "units", "separator", "decimal"):
                 if key in given:
                     yield (
                         key,

@@ -6,6 +6,7 @@ Every source gives the same :class:`Table`; an error names the row and column.
 from __future__ import annotations
 
 import hashlib
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -201,11 +202,16 @@ def epochs(table: Table, scale: str) -> Epochs:
 
     Raises InputError naming the row of one that is none of this scale.
     """
-    times = table.declared.time or Times(("time",))
+    times, decimal = table.declared.time or Times(("time",)), table.declared.decimal
+    cells = [table.texts[stamp(i)] for i in range(len(times.columns))]
+    if decimal != ".":
+        cells = [[cell.replace(decimal, ".") for cell in column] for column in cells]
     try:
-        return times.epochs([table.texts[stamp(i)] for i in range(len(times.columns))], scale)
+        return times.epochs(cells, scale)
     except EpochError as error:
-        raise InputError(f"{table.where(error.row, 'time')}: {error}") from None
+        count = times.format == "iso" and re.fullmatch(r"[-+]?\d+(\.\d*)?", cells[0][error.row])
+        hint = '; a count is declared, as in time = { column = "time", format = "unix" }' if count else ""
+        raise InputError(f"{table.where(error.row, 'time')}: {error}{hint}") from None
 
 
 def _columns(source: TableSource, schema: Schema) -> Columns:
@@ -213,5 +219,9 @@ def _columns(source: TableSource, schema: Schema) -> Columns:
         return columns_of_table(str(source), source.table, schema)
     if (kind := binary_format(source)) is not None:
         return columns_of_table(str(source), read_binary(source, kind), schema)
-    large = source.is_file() and source.stat().st_size >= LARGE and not (schema.keep or schema.stamps)
+    large = (
+        source.is_file()
+        and source.stat().st_size >= LARGE
+        and not (schema.keep or schema.stamps or schema.separator != "," or schema.decimal != ".")
+    )
     return (read_large_csv(source, schema) if large else None) or read_rows(source, schema)

@@ -13,12 +13,17 @@ Value = str | bool | int | float
 """The value that a cell is compared with."""
 
 
+SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars"}
+"""What may stand between the cells of a text file."""
+
+
 @dataclass(frozen=True)
 class Schema:
     """Names of text and number columns that a table must have, and of those that it may have.
 
     ``stamps`` are columns of times, text or numbers; ``keep`` has the values, one of several, that a row must have in
-    some columns to be looked at; ``may_be_empty`` admits a header without rows.
+    some columns to be looked at; ``may_be_empty`` admits a header without rows; ``separator`` stands between the cells
+    of a text file, ``decimal`` before the decimals of its numbers.
     """
 
     texts: Sequence[str] = ()
@@ -28,6 +33,8 @@ class Schema:
     stamps: Sequence[str] = ()
     keep: Mapping[str, tuple[Value, ...]] = field(default_factory=dict)
     may_be_empty: bool = False
+    separator: str = ","
+    decimal: str = "."
 
     def texts_in(self, header: Sequence[str]) -> list[str]:
         """Text columns to read."""
@@ -53,10 +60,11 @@ class Schema:
         needed = list(dict.fromkeys([*self.texts, *self.numbers, *self.stamps, *self.keep]))
         if not header:
             raise InputError(f"{where}: found no header, wanted the columns {', '.join(needed)}")
-        for mark, name in ((";", "semicolons"), ("\t", "tabs")):
+        for mark, name in SEPARATORS.items():
             if len(header) == 1 and mark in header[0]:
                 raise InputError(
-                    f"{where}: found columns separated by {name}, wanted commas (and decimal points)"
+                    f"{where}: found columns separated by {name}, wanted {SEPARATORS[self.separator]} (or separator = "
+                    f'{show(mark)} stated beside the file, and decimal = "," where its numbers have decimal commas)'
                 )
         doubled = [name for name, count in Counter(header).items() if count > 1 and name]
         if doubled:

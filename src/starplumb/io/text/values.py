@@ -10,6 +10,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import BeforeValidator, Field
 
+from .files import show
 from .sections import wrong
 
 UNIT_TOLERANCE = 1e-3
@@ -108,7 +109,7 @@ def frame_name(value: object) -> object:
 
 def choice(*words: str) -> BeforeValidator:
     """One of a few words, written exactly so."""
-    quoted = [f'"{word}"' for word in words]
+    quoted = [show(word) for word in words]
     listed = " or ".join([", ".join(quoted[:-1]), quoted[-1]]) if len(words) > 1 else quoted[0]
 
     def check(value: object) -> object:
