@@ -156,6 +156,21 @@ def test_a_burst_is_interpolated_from_its_own_samples_only(flight):
     np.testing.assert_allclose(found, flight([0.0, 1.9, 2.0])[0], atol=1e-5)
 
 
+def test_two_samples_with_a_gap_between_them_are_no_series(flight):
+    """Nothing tells their rate; a stated gap, or velocities that tell what lies between, join them."""
+    q = np.array([[0.0, 0.0, 0.0, 1.0]] * 2)
+    near, far = ns([0.0, 9.0]), ns([0.0, 60.0])
+    assert Attitude(near, q, "ITRF").bursts.covers(ns([4.5])).all()
+    pair = Attitude(far, q, "ITRF")
+    assert pair.bursts.covers(ns([0.0, 30.0, 60.0])).tolist() == [True, False, True]
+    with pytest.raises(EpochError, match=r"in a gap of .*samples more than 10 s apart are not joined"):
+        pair.at(ns([30.0]))
+    assert Attitude(far, q, "ITRF", gap_s=60.0).bursts.covers(ns([30.0])).all()
+    r, v = flight([0.0, 60.0])
+    assert Ephemeris(far, r, v).bursts.covers(ns([30.0])).all()
+    assert not Ephemeris(far, r, None).bursts.covers(ns([30.0])).any()
+
+
 def test_a_stated_gap_overrules_the_median(flight):
     orbit = Ephemeris(ns(BURSTS), *flight(BURSTS), gap_s=40.0)
     # one curve across 28 s is rough, but was asked for

@@ -22,6 +22,8 @@ COINCIDENCE_NS = 1_000
 """An epoch within this of a sample (one microsecond) is the sample's and needs no neighbour."""
 GAP_FACTOR = 3.5
 """Samples farther apart than this many median spacings belong to different bursts, unless a gap is stated."""
+LONE_PAIR_S = 10.0
+"""Two samples farther apart, with no third to tell their rate, are no series unless the largest gap is stated."""
 
 
 class Orientation(Protocol):
@@ -34,13 +36,14 @@ class Orientation(Protocol):
 class Bursts:
     """Samples at ``t_ns`` (n,), strictly increasing, cut wherever two of them lie more than ``gap_s`` apart.
 
-    ``gap_s`` None: 3.5 times the median spacing (and no limit for fewer than three samples).  ``starts`` are samples at
-    which a new burst begins however near the one before it lies: arcs of a file, which a manoeuvre may part.
+    ``gap_s`` None: 3.5 times the median spacing, and ``pair_s`` for two samples, which have none.  ``starts`` are
+    samples at which a new burst begins however near the one before it lies: arcs of a file, which a manoeuvre may part.
     """
 
     t_ns: Epochs
     gap_s: float | None = None
     starts: tuple[int, ...] = ()
+    pair_s: float = LONE_PAIR_S
 
     def __post_init__(self) -> None:
         if self.t_ns.size == 0:
@@ -55,14 +58,14 @@ class Bursts:
         if self.gap_s is not None:
             return self.gap_s
         if self.t_ns.size < 3:
-            return float("inf")
+            return self.pair_s
         return GAP_FACTOR * float(np.median(np.diff(self.t_ns))) * 1e-9
 
     @cached_property
     def bounds(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """First and last sample of the burst to which each sample belongs, (n,) each."""
         n = self.t_ns.size
-        gaps = np.flatnonzero(np.diff(self.t_ns) * 1e-9 > self.limit_s) + 1
+        gaps = np.flatnonzero(np.diff(self.t_ns) > np.rint(1e9 * self.limit_s)) + 1
         cut = np.union1d(gaps, np.array(self.starts, dtype=np.int64))
         starts, ends = np.concatenate([[0], cut]), np.concatenate([cut, [n]])
         repeats = ends - starts
@@ -178,7 +181,9 @@ class Ephemeris:
 
     @cached_property
     def bursts(self) -> Bursts:
-        return Bursts(self.t_ns, self.gap_s, self.starts)
+        # velocities tell what lies between two samples
+        pair_s = LONE_PAIR_S if self.v_J is None else float("inf")
+        return Bursts(self.t_ns, self.gap_s, self.starts, pair_s)
 
     def at(self, t_ns: ArrayLike, velocity: bool = True) -> tuple[Array, Array]:
         """Position r_J and velocity v_J at epochs of any shape (...) -> (..., 3) each.

@@ -29,8 +29,8 @@ def import_(
     products: Annotated[
         list[Path],
         typer.Argument(
-            help="DIMAP or DigitalGlobe metadata (.XML, .DIM, .IMD, .ATT, .EPH), their folders, or CSM .json; the last "
-            "argument is the campaign folder to write, unless --into names it.",
+            help="DIMAP or DigitalGlobe metadata (.XML, .DIM, .IMD, .ATT, .EPH), their folders, CSM .json, .tsai; the "
+            "last argument is the campaign folder to write, unless --into names it.",
             metavar="PRODUCT... DIR",
         ),
     ],

@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 from typing import TYPE_CHECKING
+from warnings import catch_warnings, simplefilter
 
 from ...physics.errors import InputError
 from ..text.files import trouble
@@ -55,7 +56,7 @@ def open_raster(path: Path) -> DatasetReader:
     """A raster.  Raises InputError where the file is none, is a virtual one, or rasterio is not installed."""
     try:
         from rasterio import Env
-        from rasterio.errors import RasterioIOError
+        from rasterio.errors import NotGeoreferencedWarning, RasterioIOError
         from rasterio.io import DatasetReader
     except ImportError:
         raise InputError(f'{path}: reading it needs rasterio: pip install "starplumb[gis]"') from None
@@ -66,7 +67,8 @@ def open_raster(path: Path) -> DatasetReader:
             found = "found a virtual raster, which names other files"
             raise InputError(f"{path}: {found}, wanted the raster itself (gdal_translate makes one of it)")
     try:
-        with Env():  # rasterio.open takes one driver only
+        with Env(), catch_warnings():  # rasterio.open takes one driver only
+            simplefilter("ignore", NotGeoreferencedWarning)  # who needs a reference system asks for it
             return DatasetReader(str(path), driver=list(RASTERS))
     except RasterioIOError:
         raise InputError(f"{path}: found a file that is not a raster, wanted a GeoTIFF or the like") from None

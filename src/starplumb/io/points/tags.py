@@ -5,7 +5,6 @@ Source: GDAL, "Raster Data Model", GCPs: pixel and line count from the corner of
 
 from __future__ import annotations
 
-import warnings
 from pathlib import Path
 
 from ...physics.errors import InputError
@@ -17,10 +16,8 @@ from .layouts import RASTERIO
 
 def read_tags(path: Path, crs: str | None = None) -> GroundPoints:
     """The control points of an image without georeference of its own, named as its file is."""
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", message="Dataset has no geotransform")
-        with open_raster(path) as dataset:
-            points, stated = dataset.gcps
+    with open_raster(path) as dataset:
+        points, stated = dataset.gcps
     if not points:
         raise InputError(f"{path}: found no ground control points in its tags, wanted an image that has them")
     reference = crs or (stated.to_wkt() if stated else None)

@@ -9,12 +9,14 @@ from typing import Literal
 from ...physics.errors import InputError
 from ..text.files import read_beginning, show, trouble
 
-Vendor = Literal["DIMAP", "DigitalGlobe", "CSM"]
+Vendor = Literal["DIMAP", "DigitalGlobe", "CSM", "pinhole"]
 DIGITALGLOBE = (".imd", ".att", ".eph", ".geo")
 """Endings of DigitalGlobe's text files; the first describes the image."""
 _ROOT = re.compile(r"<(\w+)[\s>]")
 _SENSOR_MODEL = re.compile(r'USGS_ASTRO_\w+_SENSOR_MODEL\b|\{\s*"')
 """A model state, or the JSON of one or of an ISD."""
+_PINHOLE = re.compile(r'VERSION_\d+\s+PINHOLE\b|\{(?=[\s\S]*"P_intrinsic")')
+"""A .tsai, or the JSON of a SkySat frame."""
 _MOST_DEEP = 3
 """Folders below the one that is named: a volume, a product in it, an image in that."""
 
@@ -23,6 +25,8 @@ def vendor_of(path: Path) -> Vendor:
     """Whose metadata a file is. Raises InputError for any other file."""
     if path.suffix.lower() in DIGITALGLOBE:
         return "DigitalGlobe"
+    if _PINHOLE.match(_start(path)):
+        return "pinhole"
     if _SENSOR_MODEL.match(_start(path)):
         return "CSM"
     root = _root(path)
@@ -33,7 +37,8 @@ def vendor_of(path: Path) -> Vendor:
     if (fault := trouble(path)) is not None:
         raise InputError(f"{path}: {fault}")
     found = f"the ending {show(path.suffix)}" if root is None else f"the XML element {show(root)}"
-    wanted = f"DIMAP (Dimap_Document) or DigitalGlobe (isd) as XML, {', '.join(DIGITALGLOBE)}, or a sensor model (CSM)"
+    files = ", ".join(DIGITALGLOBE)
+    wanted = f"DIMAP (Dimap_Document) or DigitalGlobe (isd) as XML, {files}, or a sensor model (CSM, .tsai)"
     raise InputError(f"{path}: found {found}, wanted {wanted}")
 
 

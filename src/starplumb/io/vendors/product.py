@@ -22,6 +22,7 @@ from .digitalglobe_geo import Optics
 from .dimap import read_dimap
 from .join import Named, joined
 from .metadata_files import one_metadata_file, vendor_of
+from .pinhole import read_pinhole
 from .vendor import CORNERS_AGREE_M, AttitudeChoice, Product, Sigma, corners_missed
 
 CORNER_LIMIT_M = 50_000.0
@@ -38,12 +39,12 @@ def read_product(
     Raises InputError for another kind of file, and for a choice that the product does not have.
     """
     path = one_metadata_file(path)
-    if vendor_of(path) == "CSM":
+    if (vendor := vendor_of(path)) in ("CSM", "pinhole"):
         if optics is not None or attitude != "vendor" or band is not None:
             raise InputError(
                 f"{path}: found optics, attitude or band beside a sensor model, wanted none: it has its own"
             )
-        return read_csm(path)
+        return read_csm(path) if vendor == "CSM" else read_pinhole(path)
     if vendor_of(path) == "DIMAP":
         if optics is not None:
             raise InputError(f"{path}: found optics stated for a DIMAP product, wanted none: it has its own")

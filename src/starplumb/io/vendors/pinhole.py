@@ -1,0 +1,183 @@
+"""Frame images described by a pinhole: ``.tsai`` of the Ames Stereo Pipeline, and ``_pinhole.json`` of Planet's SkySat.
+
+A ``.tsai`` has the camera's place C in ITRF and the matrix R from its axes to the Earth's; a ``_pinhole.json`` the
+three matrices of ``pixel ~ P_camera P_intrinsic P_extrinsic (X, 1)``. Neither says how large the image is, and only a
+name may say when it was taken. Pixels count from the centre of the first, as the pipeline counts them. Source:
+StereoPipeline, "Frame camera models".
+"""
+
+from __future__ import annotations
+
+import re
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...physics import so3, timescales
+from ...physics.camera import Distortion, FrameCamera
+from ...physics.errors import InputError
+from ...physics.light import Corrections
+from ..gis.drivers import open_raster
+from ..text.files import read_text, show
+from ..text.json_node import JsonNode
+from .vendor import Detectors, Product
+
+Array = NDArray[np.float64]
+
+_SQUARE = 1e-6
+_ORTHONORMAL = 1e-6
+_PITCH_M = 1e-5
+"""Of a camera whose lengths are in pixels: only their ratio matters."""
+_IMAGES = (".tif", ".tiff", ".ntf", ".jp2", ".png", ".jpg")
+_GPS_SECONDS = re.compile(r"(\d{9,10})\.(\d+)_")
+_GPS_ORIGIN_MJD = 44_244
+_APART_NS = 10**11
+_PLACES = 5_000_000
+"""Times of images without one: so many, from 2000 to 2015."""
+_RADIUS_M = (6.5e6, 5.0e7)
+
+
+@dataclass(frozen=True)
+class _Pinhole:
+    """Focal lengths and principal point in pixels, the place (3,) m and ``C_KJ`` (3, 3) from ITRF to the camera."""
+
+    focal_px: tuple[float, float]
+    center_px: tuple[float, float]
+    r_J: Array
+    C_KJ: Array
+    distortion: Distortion
+
+
+def read_pinhole(path: Path) -> Product:
+    """The image that a pinhole describes, its size that of the image file beside it.
+
+    E is the camera's own frame and the mounting none. Raises InputError for what cannot be used.
+    """
+    text = read_text(path)
+    pinhole = _skysat(JsonNode.of(path, text)) if text.lstrip().startswith("{") else _tsai(path, text)
+    _require_sound(path, pinhole)
+    image = _image(path)
+    with open_raster(image) as dataset:
+        columns, rows = int(dataset.width), int(dataset.height)
+    t_ns, notices = _epoch(image)
+    nothing = np.empty(0)
+    fu, fv = pinhole.focal_px
+    return Product(
+        path=path,
+        name=image.stem,
+        columns=columns,
+        rows=rows,
+        detectors=Detectors(nothing, nothing, nothing),
+        t_ns=t_ns,
+        line_period_s=0.0,
+        orbit_t_ns=np.array([t_ns]),
+        r_J=pinhole.r_J[None],
+        v_J=None,
+        attitude_t_ns=np.array([t_ns]),
+        q_EF=so3.to_quaternion(pinhole.C_KJ)[None],
+        frame="ITRF",
+        C_EK=np.eye(3),
+        corrections=Corrections(light_time=False, aberration=False, refraction=False),
+        notices=tuple(f"{path}: {notice}" for notice in notices),
+        frame_camera=FrameCamera(
+            0.5 * (fu + fv) * _PITCH_M,
+            _PITCH_M,
+            pinhole.center_px,
+            (float(columns), float(rows)),
+            pinhole.distortion,
+        ),
+    )
+
+
+def _require_sound(path: Path, pinhole: _Pinhole) -> None:
+    fu, fv = pinhole.focal_px
+    if not (fu > 0.0 and abs(fv / fu - 1.0) < _SQUARE):
+        raise InputError(f"{path}: found focal lengths of {fu:.9g} and {fv:.9g} pixels, wanted equal ones")
+    off = float(np.abs(pinhole.C_KJ @ pinhole.C_KJ.mT - np.eye(3)).max())
+    if not (off < _ORTHONORMAL and np.linalg.det(pinhole.C_KJ) > 0.0):
+        raise InputError(f"{path}: found a matrix that is no rotation (by {off:.2g}), wanted one")
+    radius, (low, high) = float(np.linalg.norm(pinhole.r_J)), _RADIUS_M
+    if not low <= radius <= high:
+        found = f"found the camera {radius:.7g} m from the Earth's centre"
+        raise InputError(f"{path}: {found}, wanted {low / 1e3:g} to {high / 1e3:g} km in Earth-fixed axes")
+
+
+def _tsai(path: Path, text: str) -> _Pinhole:
+    lines = [line.strip() for line in text.splitlines() if line.strip()]
+    values = dict(line.split("=", 1) for line in lines if "=" in line)
+    values = {key.strip(): value for key, value in values.items()}
+
+    def numbers(key: str, n: int) -> Array:
+        words = values.get(key, "").split()
+        try:
+            found = np.array([float(word) for word in words if word.isascii()])
+        except ValueError:
+            found = np.empty(0)
+        if found.size != n or not np.isfinite(found).all():
+            raise InputError(f"{path}, {key}: found {show(' '.join(words))}, wanted {n} finite numbers")
+        return found
+
+    axes = np.stack([numbers(f"{axis}_direction", 3) for axis in "uvw"])
+    if not np.array_equal(axes, np.eye(3)):
+        raise InputError(f"{path}: found other directions of u, v, w than x, y, z, wanted them in R instead")
+    fu, fv, cu, cv, pitch = (float(numbers(key, 1)[0]) for key in ("fu", "fv", "cu", "cv", "pitch"))
+    if not pitch > 0.0:
+        raise InputError(f"{path}, pitch: found {pitch:g}, wanted a positive number")
+    lens = lines[next(i for i, line in enumerate(lines) if line.startswith("pitch")) + 1 :][:1] or ["NULL"]
+    distortion = Distortion()
+    if lens[0].upper() == "TSAI":
+        k1, k2, p1, p2 = (float(numbers(key, 1)[0]) for key in ("k1", "k2", "p1", "p2"))
+        k3 = float(numbers("k3", 1)[0]) if "k3" in values else 0.0
+        distortion = Distortion((k1, k2, k3), (p1, p2))
+    elif lens[0].upper() != "NULL":
+        raise InputError(
+            f"{path}: found the lens {show(lens[0])}, wanted NULL or TSAI (convert_pinhole_model makes it)"
+        )
+    return _Pinhole(
+        (fu / pitch, fv / pitch),
+        (cu / pitch, cv / pitch),
+        numbers("C", 3),
+        numbers("R", 9).reshape(3, 3).mT,
+        distortion,
+    )
+
+
+def _skysat(node: JsonNode) -> _Pinhole:
+    """The three matrices: pixels from the image plane, the image plane from the camera, the camera from ITRF."""
+    extrinsic = node.numbers("P_extrinsic", 4, 4)
+    whole = node.numbers("P_camera", 3, 3) @ node.numbers("P_intrinsic", 3, 4)
+    K = whole[:, :3] / whole[2, 2] if whole[2, 2] else whole[:, :3]
+    plain = np.abs(np.array([K[0, 1], K[1, 0], K[2, 0], K[2, 1], *whole[:, 3]])).max()
+    if not plain < 1e-9 * abs(K[0, 0]) or not np.array_equal(extrinsic[3], [0.0, 0.0, 0.0, 1.0]):
+        raise InputError(f"{node.path}: found matrices of another camera, wanted a pinhole without skew")
+    C_KJ = extrinsic[:3, :3]
+    return _Pinhole(
+        (float(K[0, 0]), float(K[1, 1])),
+        (float(K[0, 2]), float(K[1, 2])),
+        -C_KJ.mT @ extrinsic[:3, 3],
+        C_KJ,
+        Distortion(),
+    )
+
+
+def _image(path: Path) -> Path:
+    """The image of the same name beside the file, with an ending of its own."""
+    stem = path.stem.removesuffix("_pinhole")
+    for ending in _IMAGES:
+        if (image := path.with_name(stem + ending)).is_file():
+            return image
+    raise InputError(f"{path}: found no image {stem}{_IMAGES[0]} beside it, wanted it for its size")
+
+
+def _epoch(image: Path) -> tuple[int, list[str]]:
+    """The time in the image's name, seconds of GPS; else one made from the name, which a notice tells: images of one
+    campaign stand apart by it."""
+    if found := _GPS_SECONDS.match(image.name):
+        nanoseconds = int(found[1]) * 10**9 + int(found[2][:9].ljust(9, "0"))
+        return int(timescales.of_count(_GPS_ORIGIN_MJD, nanoseconds, "GPS")), []
+    t_ns = _APART_NS * (zlib.crc32(image.stem.encode()) % _PLACES)
+    stands = timescales.format_iso(np.array([t_ns]), "UTC")[0]
+    return t_ns, [f"states no time: {stands} UTC stands for it, on which nothing in the answer depends"]
