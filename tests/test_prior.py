@@ -70,6 +70,21 @@ def test_data_that_contradict_a_prior_name_its_file(tmp_path):
     assert np.all(error < found.interval_95_arcsec)
 
 
+@pytest.mark.parametrize(
+    ("method", "status", "named"),
+    [("default", "refuted", True), ("gls", "refuted", True), ("robust", "not_converged", False)],
+)
+def test_a_prior_half_a_degree_off_leaves_no_answer(method, status, named):
+    """It pulls so far that no sighting is near the answer."""
+    first = sp.calibrate(sp.demo(images=8, seed=1))
+    estimate = first.calibration.estimate
+    turned = replace(estimate, C_EK=so3.exp(np.radians([0.5, 0.0, 0.0])) @ estimate.C_EK)
+    prior = replace(first, calibration=replace(first.calibration, estimate=turned))
+    found = sp.calibrate(sp.demo(images=8, seed=2), prior=prior, method=method)
+    assert found.status == status
+    assert ("the data contradict the prior (" in found.message) == named
+
+
 def test_landmarks_of_both_campaigns_are_said_to_count_twice(tmp_path):
     """Twice the same images, their markers renamed in the second but for one."""
     campaign = sp.demo(images=3, seed=4)

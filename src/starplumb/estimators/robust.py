@@ -139,7 +139,10 @@ class _Search:
         for _ in range(2):
             state, used = self._agreed(state, found)
             state = self.moved(state, used, 2)
-            found = self._nearer(state)
+            nearer = self._nearer(state)
+            found = (
+                nearer if np.any(nearer.agree) else found
+            )  # none are near where a wrong prior pulls too far
         used = self._widened(state, used, found.agree)
         verdict = np.where(used | ~self.seen, int(Verdict.USED), int(Verdict.SIGHTING))
         state, verdict = self._snoop(state, verdict)
