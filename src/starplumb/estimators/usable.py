@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
+from ..physics.errors import InputError
 from ..physics.units import DEG
 from ..table.equation import in_front
 from ..table.observations import Observations
-from .protocol import Status
+from .protocol import AlignmentEstimate, Status
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -26,6 +29,48 @@ NEARLY = 0.5
 """Misfit, in sigmas of single sightings, that an answer may have beyond that of the closed form."""
 REACH = 6.0
 """Sigmas of an answer within which it may lie from the closed form: beyond, once in 1e8."""
+ROUNDING = 1e-6
+"""What a rotation matrix and a covariance may lack of being one."""
+
+
+def answer(found: object, method: str) -> AlignmentEstimate:
+    """What an estimator of this name gives of one campaign (no batch axes), if it is an answer at all.
+
+    A usable mounting that is not a number counts as not converged.  Raises InputError where what is found is no
+    estimate, its mounting no rotation or its covariance none.
+    """
+    if not isinstance(found, AlignmentEstimate):
+        raise InputError(f"the estimator {method} gives {type(found).__name__}, wanted an AlignmentEstimate")
+    C, P = np.asarray(found.C_EK), found.covariance_E
+    if C.shape != (3, 3) or (P is not None and np.shape(P) != (3, 3)):
+        raise InputError(
+            f"the estimator {method} gives C_EK of shape {C.shape}"
+            + ("" if P is None else f" and a covariance of shape {np.shape(P)}")
+            + ", wanted (3, 3)"
+        )
+    found = replace(found, status=np.asarray(found.status), iterations=np.asarray(found.iterations))
+    if not Status(int(found.status)).usable:
+        return found
+    lost = not np.all(np.isfinite(C))
+    if lost or (P is not None and not np.all(np.isfinite(P))):
+        C = np.full((3, 3), np.nan) if lost else C
+        return replace(found, C_EK=C, covariance_E=None, status=np.asarray(int(Status.NOT_CONVERGED)))
+    if np.max(np.abs(C.T @ C - np.eye(3))) > ROUNDING or np.linalg.det(C) < 0.0:
+        raise InputError(
+            f"the estimator {method} gives a C_EK that is no rotation, wanted C^T C = 1 and det C = 1"
+        )
+    if P is not None and not _is_covariance(P):
+        raise InputError(
+            f"the estimator {method} gives a covariance_E that is none, wanted a symmetric matrix without negative "
+            "eigenvalues"
+        )
+    return found
+
+
+def _is_covariance(P: Array) -> bool:
+    scale = float(np.max(np.abs(P)))
+    symmetric = np.max(np.abs(P - P.T)) <= ROUNDING * scale
+    return bool(symmetric and np.linalg.eigvalsh(P)[0] >= -ROUNDING * scale)
 
 
 def determined(covariance_E: Array) -> Mask:

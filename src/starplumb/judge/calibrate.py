@@ -12,7 +12,7 @@ from ..estimators.campaign_table import table_of
 from ..estimators.fit import Fit, Unknowns
 from ..estimators.gls import Gls
 from ..estimators.protocol import AlignmentEstimate, Estimator, Status, Verdict
-from ..estimators.usable import EXACT
+from ..estimators.usable import EXACT, answer
 from ..physics import so3
 from ..physics.errors import InputError
 from ..table.campaign import Campaign
@@ -134,7 +134,7 @@ def calibrate(campaign: Campaign, estimator: Estimator, by_gls: Calibration | No
         raise InputError(
             f"campaign {campaign.name!r} has no observation with role control; wanted at least two markers"
         )
-    estimate = estimator(_kept(observations, used), campaign.C_EK)
+    estimate = answer(estimator(_kept(observations, used), campaign.C_EK), type(estimator).__name__)
     verdict = np.zeros(observations.n, dtype=np.int64)
     if estimate.verdict is not None:
         verdict[used] = estimate.verdict
