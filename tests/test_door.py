@@ -14,6 +14,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
+import pyarrow as pa
 import pytest
 
 import starplumb as sp
@@ -79,6 +80,27 @@ def test_residuals_as_a_frame_are_the_columns_of_the_file(result, tmp_path):
         else:
             assert [str(value) for value in frame[name]] == [row[name] for row in file]
     assert len(result.residuals) == len(file) == 48
+
+
+def test_residuals_go_to_any_library_of_frames(result):
+    polars = pytest.importorskip("polars", reason="polars is not installed")
+    expected = result.residuals.to_dict()
+    polars = polars.DataFrame(result.residuals).to_dict(as_series=False)
+    for made in (polars, pa.table(result.residuals).to_pydict()):
+        assert list(made) == list(expected)
+        for name in ("image_id", "column_px", "normalised"):
+            np.testing.assert_array_equal(made[name], expected[name])
+
+
+def test_objects_are_themselves_and_no_other(campaign, result):
+    assert campaign == campaign
+    assert campaign != sp.demo()
+    assert len({result, campaign, result}) == 2
+
+
+def test_an_argument_that_no_function_has_names_the_function(campaign):
+    with pytest.raises(TypeError, match="calibrate: got an unexpected keyword argument 'methd'"):
+        sp.calibrate(campaign, methd="gls")
 
 
 def test_objects_are_shown_shortly_and_safely(campaign, result):
@@ -360,8 +382,24 @@ def test_settings_of_another_type_are_refused(settings):
 
 @pytest.mark.parametrize("trials", [0, -1])
 def test_a_study_of_no_trials_is_refused(trials):
-    with pytest.raises(sp.InputError, match=f"^trials: found {trials}, wanted a whole number of at least 1"):
+    with pytest.raises(sp.InputError, match=f"^trials: found {trials}, wanted a whole number of at least 2"):
         sp.simulate(sp.scenario("two-images"), trials=trials)
+
+
+def test_one_trial_has_no_scatter_and_is_refused():
+    with pytest.raises(sp.InputError, match="trials: found 1, wanted a whole number of at least 2"):
+        sp.simulate(sp.scenario("two-images"), trials=1)
+
+
+@pytest.mark.parametrize("samples", ["rubbish", "netcdf", "parquet"])
+def test_samples_without_a_folder_are_refused(samples):
+    with pytest.raises(sp.InputError, match="samples: found"):
+        sp.simulate(sp.scenario("two-images"), trials=4, samples=samples)
+
+
+def test_the_demo_has_at_most_forty_images():
+    with pytest.raises(sp.InputError, match="images: found 41, wanted a whole number from 1 to 40"):
+        sp.demo(images=41)
 
 
 @pytest.mark.parametrize("target", [0.0, -1.0, float("nan"), float("inf")])

@@ -48,7 +48,10 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
     @wraps(function)
     def with_checks(*args: P.args, **kwargs: P.kwargs) -> R:
         form, hints = _form(function)
-        given = form.bind(*args, **kwargs)
+        try:
+            given = form.bind(*args, **kwargs)
+        except TypeError as error:
+            raise TypeError(f"{function.__qualname__}: {error}") from None
         for name in given.arguments.keys() & hints.keys():
             given.arguments[name] = _taken(name, given.arguments[name], hints[name])
         return function(*given.args, **given.kwargs)

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class Budget(Shown):
     """What each error source contributes: what :func:`starplumb.budget` returns.  ``document`` is ``budget.json``."""
 

@@ -14,7 +14,7 @@ from ..io.campaign.marks.outside import Outside
 from ..io.campaign.read import LoadedCampaign, load_campaign
 from ..physics.errors import InputError
 from ..table.campaign import Campaign as Physics
-from .arguments import Count, Seed, Wanted, checked
+from .arguments import Seed, Wanted, checked
 from .show import Shown
 
 Array = NDArray[np.float64]
@@ -23,7 +23,10 @@ Settings = Annotated[
 ]
 
 
-@dataclass(frozen=True, repr=False)
+DemoImages = Annotated[int, Wanted("a whole number from 1 to 40", lambda value: 1 <= value <= 40)]
+
+
+@dataclass(frozen=True, repr=False, eq=False)
 class Campaign(Shown):
     """A campaign that was read and checked; ``source`` is what messages call it.
 
@@ -129,12 +132,14 @@ def read_campaign(path: str | Path, outside: Outside = "refuse") -> Campaign:
 
 
 @checked
-def demo(camera: Literal["frame", "line-scan"] = "frame", images: Count = 8, seed: Seed = 1) -> Campaign:
+def demo(camera: Literal["frame", "line-scan"] = "frame", images: DemoImages = 8, seed: Seed = 1) -> Campaign:
     """The example of ``starplumb init``: simulated data whose true mounting is known."""
     from tempfile import TemporaryDirectory
 
+    from .beginning import schema_text
+
     with TemporaryDirectory(prefix="starplumb-") as folder:
-        path, _ = write_demo(Path(folder), camera, images, seed)
+        path, _ = write_demo(Path(folder), camera, images, seed, schema_text("campaign"))
         return Campaign(load_campaign(path), "demo")
 
 

@@ -28,7 +28,7 @@ COARSE = 0.5
 MOST_NAMED = 5
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class Check(Shown):
     """What :func:`starplumb.check` returns; ``document`` is what --json prints."""
 

@@ -30,7 +30,7 @@ Watch = Callable[[Iterable[Answer], int], Iterable[Answer]]
 SCHEMA = "starplumb-compare/1"
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class Comparison(Shown):
     """What each method makes of a campaign: what :func:`starplumb.compare` returns."""
 

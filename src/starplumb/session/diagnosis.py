@@ -25,7 +25,7 @@ SHOWN = 8
 """Trials in the short table."""
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class Diagnosis(Shown):
     """What was tried and found: what :func:`starplumb.diagnose` returns."""
 

@@ -20,9 +20,9 @@ SHOWN = 5
 """Rows of a frame that its text shows."""
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class Frame(Shown):
-    """Named columns of equal length: ``to_frame`` for pandas, ``to_dict`` for any other library."""
+    """Named columns of equal length: ``to_frame`` for pandas; polars, PyArrow and others take it as it is."""
 
     title: str
     names: tuple[str, ...]
@@ -44,6 +44,12 @@ class Frame(Shown):
                 "to_frame needs pandas, which is not installed; install it (pip install pandas) or use to_dict"
             ) from None
         return pandas.DataFrame(self.to_dict())
+
+    def __arrow_c_stream__(self, requested_schema: object = None) -> object:
+        """The columns for any library of the Arrow PyCapsule interface."""
+        import pyarrow
+
+        return pyarrow.table(self.to_dict()).__arrow_c_stream__(requested_schema)
 
     @property
     def tables(self) -> Sequence[Table]:

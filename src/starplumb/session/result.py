@@ -41,7 +41,7 @@ RESULT_FILES = ("report.html", "mounting.tf", "residuals.csv", "normals.json", M
 """Files of a result beside ``result.json``: those that a new result does not write are removed."""
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class Result(Shown):
     """The answer of one calibration: what :func:`starplumb.calibrate` returns.
 

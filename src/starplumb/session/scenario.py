@@ -13,7 +13,7 @@ from .arguments import checked
 from .show import Shown
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class Scenario(Shown):
     """A scenario that was read and checked; ``data`` holds the scene and its error sources, in SI units."""
 

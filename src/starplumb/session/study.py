@@ -31,11 +31,12 @@ if TYPE_CHECKING:
 Watched = Callable[[Plan], AbstractContextManager[Callable[[int], None]]]
 
 Precision = Annotated[float, Wanted("a number from 1e-4 to 0.5", lambda value: 1e-4 <= value <= 0.5)]
+Trials = Annotated[int, Wanted("a whole number of at least 2", lambda value: value >= 2)]
 PRECISION = 0.01
 """To this part of itself each sigma is known (3 standard errors) where neither trials nor precision are given."""
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class Summary(Shown):
     """The accuracy that a study found.  ``document`` is ``summary.json``."""
 
@@ -65,7 +66,7 @@ class Summary(Shown):
         return list(_sentences(self.document))
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class Study(Shown):
     """A finished study: what :func:`starplumb.simulate` returns.  ``document`` is ``summary.json``."""
 
@@ -119,7 +120,7 @@ class Study(Shown):
 @checked
 def simulate(
     scenario: Scenario,
-    trials: Count | None = None,
+    trials: Trials | None = None,
     seed: Seed = 1,
     methods: Sequence[str] | str = ("gls", "wahba"),
     *,
@@ -139,7 +140,9 @@ def simulate(
     results are written, with every trial as a table where ``samples`` names a format.  ``watched``
     makes, of the study, a context in which it runs, whose value hears the number of trials of each chunk.
     """
-    format: Format = choose_samples(samples) if out is not None else "none"
+    format: Format = choose_samples(samples) if out is not None or samples != "auto" else "none"
+    if out is None and format != "none":
+        raise ArgumentError("samples", f"found {samples!r} without out, wanted a folder to write them to")
     study = Plan(
         scenario.data,
         dict(estimators_of(methods)),

@@ -47,7 +47,7 @@ class View:
         return self.campaign.images[self.image]
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class Place(Shown):
     """The ground position of a pixel: what :func:`starplumb.locate` returns.  ``document`` is what --json prints."""
 
@@ -229,7 +229,7 @@ def _document(
     }
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class Grid(Shown):
     """A file with the ground positions of an image's pixels; ``document`` is what --json prints."""
 

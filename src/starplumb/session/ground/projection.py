@@ -47,7 +47,7 @@ HEADER = ("image_id", "landmark_id", "column_px", "row_px", "sigma_column_px", "
 MOST_NAMED = 5
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class Projection(Shown):
     """Places in images: what :func:`starplumb.project` returns.  ``document`` is what --json prints."""
 
