@@ -87,8 +87,11 @@ def test_the_command_does_not_let_such_an_answer_be_used(estimate, tmp_path):
         row[1:5] = map(repr, (w, -z, y, -x))  # the quaternion of the half turn times that of the sample
     with (path.parent / "attitude.csv").open("w", newline="") as file:
         csv.writer(file).writerows([head, *rows])
-    done = starplumb("calibrate", path, "--method", "gls", *estimate, "--out", tmp_path / "result", "--quiet")
+    done = starplumb("calibrate", path, "--method", "gls", *estimate, "--out", tmp_path / "result")
     assert done.status == 3
+    shown = [line for line in done.out.splitlines() if "correction" in line or "sigma" in line]
+    assert [line.count("not valid") for line in shown[:2]] == [3, 3]
+    assert "error / sigma" not in done.out
     assert json.loads((tmp_path / "result" / "result.json").read_text())["status"] == "not_converged"
     assert not (tmp_path / "result" / "mounting.tf").exists()
 

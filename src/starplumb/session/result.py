@@ -289,9 +289,10 @@ def _provenance(loaded: LoadedCampaign) -> dict[str, Any]:
 
 def _table(c: Calibration, C_EK_true: Array | None) -> Table:
     """Correction and sigma about the star tracker's axes, the truth beside them where it is known."""
-    refuted, sigma, half = c.status is Status.REFUTED, c.sigma_E, c.interval_95_E
-    no_sigma = ("not valid" if refuted else "not stated",) * 3
-    rows = [("correction", *(("not valid",) * 3 if refuted else _fixed(c.correction_E / ARCSEC)))]
+    lost, half = c.status in (Status.REFUTED, Status.NOT_CONVERGED), c.interval_95_E
+    sigma = None if lost else c.sigma_E
+    no_sigma = ("not valid" if lost else "not stated",) * 3
+    rows = [("correction", *(("not valid",) * 3 if lost else _fixed(c.correction_E / ARCSEC)))]
     of_sigma = [("sigma", *(no_sigma if sigma is None else _fixed(sigma / ARCSEC)))]
     data = None if c.from_data is None else c.from_data.sigma_E
     if data is not None and sigma is not None:
@@ -300,7 +301,7 @@ def _table(c: Calibration, C_EK_true: Array | None) -> Table:
     rows += of_sigma
     if c.status is Status.WEAK and half is not None:
         rows.append(("95 % interval, +-", *_fixed(half / ARCSEC)))
-    if C_EK_true is not None and not refuted:
+    if C_EK_true is not None and not lost:
         error = so3.log(c.estimate.C_EK @ C_EK_true.mT)
         rows.append(("known truth", *_fixed(so3.log(C_EK_true @ c.campaign.C_EK.mT) / ARCSEC)))
         rows.append(("error", *_fixed(error / ARCSEC)))
