@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from starplumb.estimators.gls import Gls
 from starplumb.io.campaign.read import load_campaign
+from starplumb.io.text.pvl import read_pvl
 from starplumb.io.vendors.digitalglobe import read_digitalglobe
 from starplumb.io.vendors.digitalglobe_geo import Bend, Optics
 from starplumb.io.vendors.metadata_files import metadata_files
@@ -332,7 +333,7 @@ def test_sizes_padded_to_blocks_of_nitf(tmp_path: Path, shared_cases: Path) -> N
     assert (product.rows, product.columns) == (1001, 2048)
     assert "numRows, 1024, is padded to blocks; 1001 rows have times" in product.notices[0]
     assert "may be padded to blocks too" in product.notices[1]
-    parts["RPB"] = {"IMAGE": {"lineOffset": "499", "sampOffset": "999"}}
+    parts["RPB"] = {"IMAGE": {"lineOffset": "499", "sampOffset": "999.5"}}
     product = read_digitalglobe(_write(tmp_path, parts))
     assert (product.rows, product.columns) == (1001, 2000)
     assert product.corners is not None
@@ -578,6 +579,14 @@ def test_a_missing_file_and_unsound_text(tmp_path: Path) -> None:
     (tmp_path / "scene.ATT").unlink()
     with pytest.raises(InputError, match=r"found no \.ATT of that name beside it"):
         read_digitalglobe(path)
+
+
+def test_text_that_is_none_is_refused_in_one_go(tmp_path: Path) -> None:
+    """A key without a value's end, and a list without one, that took minutes to be tried in every way."""
+    for text in ("a =" + " " * 30_000, "a = (" + ") " * 30_000, "END" + " " * 30_000 + "x"):
+        (tmp_path / "a.IMD").write_text(text, encoding="utf-8")
+        with pytest.raises(InputError, match=r"a\.IMD, line 1: found|found its end without END"):
+            read_pvl(tmp_path / "a.IMD")
 
 
 def test_choices_that_a_product_does_not_have(tmp_path: Path) -> None:

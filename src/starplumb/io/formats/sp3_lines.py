@@ -4,19 +4,22 @@ from __future__ import annotations
 
 import re
 from datetime import datetime, timedelta
+from functools import cache
+from math import isfinite
 from pathlib import Path
 
 from ...physics import timescales
 from ...physics.errors import EpochError, InputError
 
 _FIELDS = (slice(4, 18), slice(18, 32), slice(32, 46))
-_NUMBER = re.compile(r"\s*[-+]?\d+\.\d*\s*", re.ASCII)
-_SECOND = re.compile(r"\d{1,2}(\.\d*)?", re.ASCII)
-_WHOLE = re.compile(r"\d{1,4}", re.ASCII)
+_EPOCH = re.compile(
+    r"\* +(\d{1,4}) +(\d{1,2}) +(\d{1,2}) +(\d{1,2}) +(\d{1,2}) +(\d{1,2})(?:\.(\d*))?\s*", re.ASCII
+)
 _ABSENT = 999999.0
 """Fields of 999999.999999 mean that there is no position or velocity (as three zeros do)."""
 
 
+@cache
 def name_of(field: str) -> str:
     """Identifier in its usual form: letter and two digits (G 1 is G01, and 1 without a letter too)."""
     name = field.replace(" ", "0")
@@ -28,25 +31,25 @@ def read_epoch(path: str | Path, number: int, line: str, scale: str) -> str:
 
     Some centres write the full minute, hour or day as minute 60, second 60 or hour 24 of the one before.
     """
-    words = line[1:].split()
-    if len(words) != 6 or not all(map(_WHOLE.fullmatch, words[:5])) or not _SECOND.fullmatch(words[5]):
+    found = _EPOCH.fullmatch(line)
+    if found is None:
         raise InputError(
             f"{path}, line {number}: found {line.strip()!r}, wanted * year month day hour minute second"
         )
-    year, month, day, hour, minute = map(int, words[:5])
-    whole, _, decimals = words[5].partition(".")
-    if hour > 24 or minute > 60 or int(whole) > 60:
-        found = f"found {line.strip()!r}"
-        raise InputError(f"{path}, line {number}: {found}, wanted hours to 24, minutes and seconds to 60")
-    clock = f"{hour:02d}:{minute:02d}:{int(whole):02d}.{decimals or '0'}"
-    text = f"{year:04d}-{month:02d}-{day:02d}T{clock}"
-    if (hour < 24 and minute < 60 and int(whole) < 60) or (scale == "UTC" and _is_leap_second(text)):
+    year, month, day, hour, minute, second = map(int, found.groups()[:6])
+    decimals = found[7] or "0"
+    if hour > 24 or minute > 60 or second > 60:
+        raise InputError(
+            f"{path}, line {number}: found {line.strip()!r}, wanted hours to 24, minutes and seconds to 60"
+        )
+    text = f"{year:04d}-{month:02d}-{day:02d}T{hour:02d}:{minute:02d}:{second:02d}.{decimals}"
+    if (hour < 24 and minute < 60 and second < 60) or (scale == "UTC" and _is_leap_second(text)):
         return text
     try:
-        carried = datetime(year, month, day) + timedelta(hours=hour, minutes=minute, seconds=int(whole))
+        carried = datetime(year, month, day) + timedelta(hours=hour, minutes=minute, seconds=second)
     except (ValueError, OverflowError):
         return text
-    return f"{carried:%Y-%m-%dT%H:%M:%S}.{decimals or '0'}"
+    return f"{carried:%Y-%m-%dT%H:%M:%S}.{decimals}"
 
 
 def _is_leap_second(text: str) -> bool:
@@ -59,11 +62,13 @@ def _is_leap_second(text: str) -> bool:
 
 def vector(path: str | Path, number: int, line: str, power: int) -> list[float] | None:
     """Three fixed-width fields times ten to ``power``, None where the file marks them as missing."""
-    fields = [line[columns] for columns in _FIELDS]
-    if not all(map(_NUMBER.fullmatch, fields)):
+    try:
+        raw = [float(line[columns]) for columns in _FIELDS]
+        if not (isfinite(sum(raw)) and line.isascii()) or "_" in line:
+            raise ValueError
+    except ValueError:
         raise InputError(
             f"{path}, line {number}: found {line[4:46].strip()!r}, wanted three numbers in fields of 14"
-        )
-    raw = [float(field) for field in fields]
+        ) from None
     absent = not any(raw) or any(abs(value) >= _ABSENT for value in raw)
-    return None if absent else [float(f"{field.strip()}e{power}") for field in fields]
+    return None if absent else [float(f"{line[columns].strip()}e{power}") for columns in _FIELDS]

@@ -15,13 +15,14 @@ from .files import read_text, show
 from .tree import MAX_BYTES, Node
 
 _TOKEN = re.compile(
-    r"""\s*(?:
-    (?P<group>BEGIN_GROUP|END_GROUP)\s*=\s*(?P<name>\w+)
-  | (?P<end>END)\s*;?\s*\Z
-  | (?P<key>\w+)\s*=\s*(?P<value>"[^"]*"|\([^;]*\)|[^;"()]*?)\s*;
+    r"""\s*+(?:
+    (?P<group>BEGIN_GROUP|END_GROUP)\s*+=\s*+(?P<name>\w++)
+  | (?P<end>END)\s*+;?\s*+\Z
+  | (?P<key>\w++)\s*+=\s*+(?P<value>"[^"]*+"|\([^;]*\)|[^;"()]*+)\s*+;
     )""",
     re.VERBOSE,
 )
+"""Nothing that is matched is given back, so that a text which is none is refused in one go through it."""
 _ROW = re.compile(r"\(([^()]*)\)")
 
 
@@ -60,7 +61,7 @@ def read_pvl(path: Path) -> Node:
 
 def _add(group: Element, key: str, value: str) -> None:
     if not value.startswith("("):
-        SubElement(group, key).text = value.strip('"')
+        SubElement(group, key).text = value.strip().strip('"')
         return
     rows = _ROW.findall(value[1:-1])
     rows_parent = SubElement(group, f"{key}List")

@@ -147,7 +147,7 @@ def true_columns(imd: Node, rpc: Node | None, padded: bool) -> tuple[int, tuple[
     if middle is None:
         said = f"{imd.path}: numColumns, {stated}, may be padded to blocks too, and no RPB tells: corners may be wrong"
         return stated, (said,)
-    columns = round(2.0 * middle.number()) + 2
+    columns = round(2.0 * middle.number()) + 1
     if not 0 <= stated - columns < _LARGEST_BLOCK:
         return stated, ()
     said = (
