@@ -18,6 +18,7 @@ from starplumb.physics.orbit import KeplerOrbit, argument_of_latitude
 from starplumb.physics.units import ARCSEC, DEG
 from starplumb.plan import marker_layout as layout
 from starplumb.plan import passes
+from starplumb.plan.bound import bound_E
 from starplumb.plan.error_catalogue import Tracker, fused_axes
 from starplumb.plan.scenario import Scenario
 from starplumb.table import error_sources as sources
@@ -398,9 +399,16 @@ degrees_of_freedom = 6
 [truth.rounding]
 error = "rounding"
 step_px = 1.0
+[truth.air]
+error = "refraction"
+sigma_percent = 50.0
+[truth.chips]
+error = "landmark"
+sigma_m = [0.5, 1.0, 2.0]
+correlation_length_m = 4000.0
 """
 NAMES = ["A", "B", "tracker", "gps", "survey", "pixel", "pass", "bias", "drift", "slow", "calm", "wander", "datum",
-         "clock", "focal", "centre", "rounding"]  # fmt: skip
+         "clock", "focal", "centre", "rounding", "air", "chips"]  # fmt: skip
 
 
 @pytest.mark.slow
@@ -421,6 +429,36 @@ def test_effect_of_every_source_is_the_change_of_the_residual(write, name, scans
     wanted = np.moveaxis(residual(step) - residual(-step), 0, -1) / (2.0 * step)
     found = Effect.of(one, scenario.truth, scenario.model).columns()
     np.testing.assert_allclose(found, wanted, atol=3e-4 * np.abs(wanted).max())
+
+
+LOOKS = """
+[truth.looks]
+error = "look-angles"
+sigma_px = 0.5
+"""
+
+
+def test_look_angles_err_by_their_sigma_at_the_ends_of_the_line(write):
+    """Half a pixel for each term at the ends; the bound by dense matrices is the covariance of the estimate."""
+    changes = [('model = "frame"', 'model = "line-scan"'), ("yaw_deg = [0.0, 90.0, 0.0]", "yaw_deg = 0.0")]
+    scenario = load_scenario(write(*changes, more=LOOKS))
+    one, camera = source(scenario, "looks"), scenario.campaign.camera
+    column = camera.px_from_tan(scenario.truth.xy_K)[:, 0]
+    u = 2.0 * (column - camera.column_px[0]) / np.ptp(camera.column_px) - 1.0
+    pixel = np.abs(np.diff(camera.tan_x[[0, -1]]) / np.diff(camera.column_px[[0, -1]]))[0]
+    assert one.labels == ("look_x_1", "look_x_2", "look_x_3", "look_y_2", "look_y_3")
+    np.testing.assert_allclose(
+        np.abs(one.gain[:, 0, 1]), 0.5 * pixel * np.abs(3.0 * u**2 - 1.0) / 2.0, rtol=1e-6
+    )
+    stated = Gls()(scenario.stated, scenario.C_EK_true).covariance_E
+    np.testing.assert_allclose(stated, bound_E(scenario), rtol=1e-6, atol=1e-9 * np.trace(stated))
+    plain = Gls()(load_scenario(write(*changes)).stated, scenario.C_EK_true).sigma_E
+    assert np.max(np.sqrt(np.diag(stated)) / plain) > 1.05
+
+
+def test_look_angles_of_a_frame_camera_are_refused(write):
+    with pytest.raises(InputError, match=r"truth\.looks: found look-angles for a frame camera"):
+        load_scenario(write(more=LOOKS))
 
 
 def test_stated_table_has_the_covariance_of_the_sources(write):

@@ -27,6 +27,12 @@ _LABELS = {
     "position": "satellite position",
     "position session": "satellite position, by session",
     "survey": "marker survey",
+    "neighbours": "marker survey",
+    "optics": "optics, as considered",
+    "look angles": "look angles, as considered",
+    "trackers": "mountings of the star trackers, as considered",
+    "clock": "clock, as considered",
+    "refraction": "refraction, as considered",
     "time": "time of the images",
 }
 """What a report calls the errors that several sightings share."""

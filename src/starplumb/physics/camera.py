@@ -178,6 +178,12 @@ class LineScanCamera:
         return np.stack([column, (xy - line) @ n / pixel], axis=-1)
 
     @property
+    def pixel_rad(self) -> float:
+        """Width of a pixel, rad, on average over the line."""
+        ends = np.hypot(self.tan_x[-1] - self.tan_x[0], self.tan_y[-1] - self.tan_y[0])
+        return float(ends / abs(self.column_px[-1] - self.column_px[0]))
+
+    @property
     def axes(self) -> tuple[Array, Array]:
         """Unit directions of (tan_x, tan_y) along the line and across it, by which a place beside it is said.
 

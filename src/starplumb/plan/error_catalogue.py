@@ -7,15 +7,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ..physics.camera import LineScanCamera
 from ..physics.earth import C_JT, itrf_to_geodetic
+from ..physics.errors import InputError
 from ..physics.light import inertial_velocity
 from ..physics.orbit import C_RO, argument_of_latitude
 from ..physics.trackers import Fusion, fusion_weights
 from ..table.campaign import Campaign
+from ..table.considered import refraction as refracted
+from ..table.considered import source_of
 from ..table.error_sources import (
     UNIT_ARCSEC,
     UNIT_METRE,
     UNIT_MILLISECOND,
+    UNIT_PERCENT,
     UNIT_PIXEL,
     UNIT_PPM,
     Distribution,
@@ -23,7 +28,9 @@ from ..table.error_sources import (
     Unit,
 )
 from ..table.observations import Observations
-from ..table.sharing import FORGOTTEN, chained, correlated
+from ..table.parameter_names import GROUPS
+from ..table.parameters import LookAngles
+from ..table.sharing import FORGOTTEN, chained, correlated, neighbours
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -206,12 +213,18 @@ def wander(
 
 
 def _scaled(
-    unit: Source, words: str, sigma: Array, labels: tuple[str, ...], of: Unit, shape: Distribution
+    unit: Source,
+    words: str,
+    sigma: Array,
+    labels: tuple[str, ...],
+    of: Unit,
+    shape: Distribution,
+    name: str | None = None,
 ) -> Source:
     """A source of unit sigmas about three axes with these."""
     component = np.arange(unit.component.size) % 3
     scaled = replace(unit, words=words, component=component, sigma=sigma, labels=labels, unit=of)
-    return replace(scaled, distribution=shape)
+    return replace(scaled, distribution=shape, name=name or unit.name)
 
 
 def landmark(
@@ -225,6 +238,38 @@ def landmark(
     labels = ("east", "north", "up")
     pattern = C_JT(latitude, longitude)
     return Source(name, words, "pi_J", pattern, group, np.arange(3), sigma, labels, UNIT_METRE, shape)
+
+
+def correlated_landmark(
+    flight: Flight, name: str, sigma: Array, length: float, shape: Distribution = _GAUSSIAN
+) -> Source:
+    """Survey error with ``sigma`` (3,) m east, north and up, alike by ``exp(-distance / length)``."""
+    landmarks = flight.flown.landmarks
+    axes = C_JT(*itrf_to_geodetic(landmarks.r_J)[:2])
+    unit = neighbours(landmarks.r_J, axes, np.arange(len(axes)), np.zeros(len(axes), dtype=np.int64), length)
+    words = f"place of a marker, correlated over {length:g} m"
+    return _scaled(unit, words, sigma, ("east", "north", "up"), UNIT_METRE, shape, name)
+
+
+def look_angles(flight: Flight, name: str, sigma: float, shape: Distribution = _GAUSSIAN) -> Source:
+    """Look directions of a line of detectors, each of their terms off by ``sigma`` px at the ends of the line.
+
+    Raises InputError for another camera.
+    """
+    camera = flight.flown.camera
+    if not isinstance(camera, LineScanCamera):
+        raise InputError(f"truth.{name}: found look-angles for a frame camera, wanted focal-length")
+    terms = GROUPS["look_angles"]
+    unit = source_of(LookAngles(camera, terms, (1.0,) * 5), np.full(5, camera.pixel_rad), flight.truth)
+    scaled = replace(unit, name=name, words="look angles, shared by the campaign", unit=UNIT_PIXEL)
+    return replace(scaled, sigma=np.full(5, sigma), labels=terms, distribution=shape)
+
+
+def refraction(flight: Flight, name: str, sigma: float, shape: Distribution = _GAUSSIAN) -> Source:
+    """A part of the computed refraction by which that is wrong."""
+    unit = refracted(1.0, flight.truth)
+    scaled = replace(unit, name=name, words="refraction, shared by the campaign", unit=UNIT_PERCENT)
+    return replace(scaled, sigma=np.array([sigma]), labels=("",), distribution=shape)
 
 
 def pixel(flight: Flight, name: str, sigma: float, shape: Distribution = _GAUSSIAN) -> Source:

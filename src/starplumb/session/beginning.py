@@ -13,6 +13,7 @@ from ..io.text.files import read_text
 from ..io.text.template import template
 from ..io.text.write import publish
 from ..physics.errors import InputError
+from ..table.parameter_names import CLOCKS, GROUPS
 
 IDENTITY = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
 EXAMPLES: dict[str, object] = {
@@ -60,6 +61,13 @@ EXAMPLES: dict[str, object] = {
     "dem": "dem.tif",
     "geoid": "geoid.tif",
     "crs": "EPSG:32633",
+    "consider.focal_length": "5um",
+    **dict.fromkeys([f"consider.principal_{of}" for of in ("point", "column", "row")], "0.4px"),
+    **dict.fromkeys([f"consider.{name}" for name in ("distortion", "k1", "k2", "k3", "p1", "p2")], "0.01"),
+    **dict.fromkeys([f"consider.{name}" for name in ("look_angles", *GROUPS["look_angles"])], "0.4px"),
+    **dict.fromkeys([f"consider.{name}" for name in CLOCKS], "2ms"),
+    "consider.trackers": "5arcsec",
+    "consider.refraction": "10%",
     "images.file": "images.csv",
     "time_from_id": "SAT1_%Y%m%dT%H%M%S.%fZ_L1A",
     "observations.file": "observations.csv",

@@ -130,6 +130,16 @@ def estimator_of(
             f"found with the method {method}, wanted {', '.join(WITH_PARAMETERS[:-1])} or {WITH_PARAMETERS[-1]}",
         )
     gls = Gls(parameters(wanted, campaign))
+    held = dict(campaign.considered)
+    both = [
+        name for name in gls.unknowns.names if name in held or ("trackers" in held and "tracker_" in name)
+    ]
+    if both:
+        raise ArgumentError(
+            "estimate",
+            f"found {both[0]!r}, which [consider] holds; wanted it there or here "
+            f"(with its sigma: {both[0]}=...), not both",
+        )
     return gls if method == "gls" else Default(gls) if method == "default" else Robust(gls)
 
 

@@ -55,13 +55,15 @@ class SharedErrors:
 class Landmarks:
     """L surveyed markers: ``r_J`` (L, 3) m with ``covariance_J`` (L, 3, 3) m^2, known by ``ids`` without
     repetition.  ``common_sigma`` (3,) m east, north, up is a further error that those of one survey share; ``sources``
-    names the survey of each, None for one."""
+    names the survey of each, None for one.  ``correlation_length`` m makes the stated errors of one survey a process on
+    the ground, correlated by ``exp(-distance / length)``, None for errors that know nothing of each other."""
 
     ids: tuple[str, ...]
     r_J: Array
     covariance_J: Array
     common_sigma: Array | None = None
     sources: tuple[str, ...] | None = None
+    correlation_length: float | None = None
 
     def __post_init__(self) -> None:
         n = _distinct("landmark", self.ids)
@@ -192,6 +194,7 @@ class Campaign:
     known_from                              what states that prior knowledge, for messages
     attitude_errors                         what is stated of who shares an error of attitude
     position_errors                         the same of the position error
+    considered                              names of parameters that are not estimated and their sigmas, SI
     =================== =================== ==================================================================
     """
 
@@ -213,6 +216,7 @@ class Campaign:
     position_errors: SharedErrors = SharedErrors()
     covariance_mounting: Array | None = None
     known_from: str = "mounting.sigma_arcsec"
+    considered: tuple[tuple[str, float], ...] = ()
 
     def __post_init__(self) -> None:
         _shape("C_EK", self.C_EK, (3, 3))

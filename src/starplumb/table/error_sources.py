@@ -43,6 +43,7 @@ UNIT_METRE = Unit("m", 1.0)
 UNIT_PIXEL = Unit("px", 1.0)
 UNIT_MILLISECOND = Unit("ms", 1e-3)
 UNIT_PPM = Unit("ppm", 1e-6)
+UNIT_PERCENT = Unit("percent", 0.01)
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ A name alone frees the parameter; with ``=`` follows the sigma known beforehand,
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -48,7 +48,12 @@ def parameters(texts: Sequence[str], campaign: Campaign) -> tuple[Parameter, ...
         for member in GROUPS.get(name, (name,)):
             if member in sigmas:
                 raise ArgumentError("estimate", f"found {member!r} twice, wanted each parameter once")
-            sigmas[member] = _sigma(member, stated) if stated else np.inf
+            sigmas[member] = sigma_of(member, stated, campaign) if stated else np.inf
+    return of_sigmas(sigmas, campaign)
+
+
+def of_sigmas(sigmas: Mapping[str, float], campaign: Campaign) -> tuple[Parameter, ...]:
+    """The parameters of a campaign with these names and sigmas (SI, infinite for a free one)."""
     optics = tuple(name for name in OPTICS if name in sigmas)
     looks = tuple(name for name in sigmas if _LOOK.fullmatch(name))
     clocks = tuple(name for name in CLOCKS if name in sigmas)
@@ -78,25 +83,26 @@ def unit_of(name: str) -> str:
     return "arcsec" if name.startswith(("tracker", "look")) else ""
 
 
-def _sigma(name: str, text: str) -> float:
+def sigma_of(name: str, text: str, campaign: Campaign, key: str = "estimate") -> float:
+    """A sigma with its unit, SI; ``key`` is what a message about it names."""
     unit = unit_of("tracker" if name == "trackers" else name)
     kinds = {
         "mm": ("m", "mm", "um"),
         "px": ("px",),
         "ms": ("s", "ms", "us"),
-        "arcsec": ("arcsec",),
+        "arcsec": ("arcsec", "px") if name.startswith("look") else ("arcsec",),
         "": ("",),
     }[unit]
     match = _SIGMA.fullmatch(text)
     if match is None or match[2] not in kinds or not float(match[1]) > 0.0:
         form = f"a positive number with its unit ({', '.join(kinds)})" if unit else "a positive number"
-        raise ArgumentError(
-            "estimate", f"found {name}={text}, wanted {form} as sigma, such as {name}=5{unit}"
-        )
+        raise ArgumentError(key, f"found {name}={text}, wanted {form} as sigma, such as {name}=5{unit}")
+    if name.startswith("look") and match[2] == "px" and isinstance(campaign.camera, LineScanCamera):
+        return float(match[1]) * campaign.camera.pixel_rad
     return float(match[1]) * UNITS[match[2]]
 
 
-def _optics(campaign: Campaign, names: tuple[str, ...], sigmas: dict[str, float]) -> Optics:
+def _optics(campaign: Campaign, names: tuple[str, ...], sigmas: Mapping[str, float]) -> Optics:
     if not isinstance(campaign.camera, FrameCamera):
         raise ArgumentError(
             "estimate",
@@ -106,7 +112,7 @@ def _optics(campaign: Campaign, names: tuple[str, ...], sigmas: dict[str, float]
     return Optics(campaign.camera, names, tuple(sigmas[name] for name in names))
 
 
-def _look_angles(campaign: Campaign, names: tuple[str, ...], sigmas: dict[str, float]) -> LookAngles:
+def _look_angles(campaign: Campaign, names: tuple[str, ...], sigmas: Mapping[str, float]) -> LookAngles:
     if not isinstance(campaign.camera, LineScanCamera):
         raise ArgumentError(
             "estimate", f"found {names[0]!r}, wanted focal_length or distortion for a frame camera"

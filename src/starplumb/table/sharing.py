@@ -7,6 +7,7 @@
 ``wander``                           such a process within each image, besides
 ``session_sigma``                    a further error, one draw a session
 ``common_sigma`` of landmarks        a further error, one draw for each survey (column ``source``)
+``correlation_length`` of landmarks  a process on the ground with the stated sigma, within each survey
 ``sigma_time_s`` of images           a time tag that is late, one draw an image
 ==================================== ==========================================================================
 """
@@ -26,6 +27,7 @@ from ..physics.errors import InputError
 from ..physics.orbit import GM_EARTH
 from ..physics.series import Attitude
 from .campaign import Campaign
+from .considered import considered_sources
 from .equation import linearise
 from .error_sources import Field, Source, as_stated, common_columns
 from .geometry import position_axes
@@ -38,6 +40,8 @@ MOST_NUMBERS = 1 << 26
 """Doubles (0.5 GB) in what one sigma of each shared error does to each sighting."""
 FORGOTTEN = 20.0
 """Correlation times after which a process remembers nothing (2e-9)."""
+MOST_NEIGHBOURS = 1_000
+"""Landmarks whose errors may be correlated over a distance: each is then three unknowns of all images."""
 NEGLIGIBLE = 1e-10
 """Share of a process's variance that a draw may carry and yet be left out."""
 
@@ -94,12 +98,15 @@ def with_shared(campaign: Campaign, o: Observations, C_EK: Array | Callable[[], 
         own["cov_attitude_E"] = np.zeros_like(o.cov_attitude_E)
     if campaign.position_errors.moved:
         own["cov_position_J"] = np.zeros_like(o.cov_position_J)
+    if campaign.landmarks.correlation_length is not None:
+        own["cov_landmark_J"] = np.zeros_like(o.cov_landmark_J)
     return replace(o, **common_columns(sources, o, linearise(o, mounting)), **own)
 
 
 def shared_sources(campaign: Campaign, o: Observations) -> tuple[Source, ...]:
     """The errors of a campaign that its table does not have a place of their own for."""
-    return (*_attitude(campaign, o), *_position(campaign), *_landmarks(campaign), *_times(campaign))
+    own = (*_attitude(campaign, o), *_position(campaign), *_landmarks(campaign), *_times(campaign))
+    return (*own, *considered_sources(campaign, o))
 
 
 def _attitude(c: Campaign, o: Observations) -> Iterator[Source]:
@@ -151,11 +158,32 @@ def groups(c: Campaign, shared_by: str | None) -> Index:
 
 
 def _landmarks(c: Campaign) -> Iterator[Source]:
-    if c.landmarks.common_sigma is None:
-        return
-    latitude, longitude, _ = itrf_to_geodetic(c.landmarks.r_J)
-    names = c.landmarks.sources or ("",) * len(c.landmarks.ids)
-    yield as_stated("survey", "pi_J", C_JT(latitude, longitude) * c.landmarks.common_sigma, numbered(names))
+    landmarks = c.landmarks
+    survey = numbered(landmarks.sources or ("",) * len(landmarks.ids))
+    if landmarks.common_sigma is not None:
+        latitude, longitude, _ = itrf_to_geodetic(landmarks.r_J)
+        yield as_stated("survey", "pi_J", C_JT(latitude, longitude) * landmarks.common_sigma, survey)
+    if landmarks.correlation_length is not None:
+        L = square_root(landmarks.covariance_J)
+        seen = np.unique(c.sightings.landmark)
+        yield neighbours(landmarks.r_J, L, seen, survey, landmarks.correlation_length)
+
+
+def neighbours(r_J: Array, L: Array, seen: Index, survey: Index, length: float) -> Source:
+    """Errors of the landmarks ``seen`` among those at ``r_J`` (n, 3), L (n, 3, 3) their square roots, correlated by
+    ``exp(-distance / length)`` within each ``survey`` (n,)."""
+    if seen.size > MOST_NEIGHBOURS:
+        raise InputError(
+            f"landmarks.correlation_length_m: found {seen.size} landmarks seen, wanted at most {MOST_NEIGHBOURS} "
+            "whose errors are correlated over a distance"
+        )
+    apart = r_J[seen][:, None] - r_J[seen]
+    correlation = np.exp(-np.sqrt(np.vecdot(apart, apart)) / length)
+    root = root_of(correlation * (survey[seen][:, None] == survey[seen]))
+    blocks = L[seen][:, :, None, :] * root[:, None, :, None]
+    pattern = np.zeros((len(r_J), 3, 3 * root.shape[1]))
+    pattern[seen] = blocks.reshape(seen.size, 3, -1)
+    return as_stated("neighbours", "pi_J", pattern, np.zeros(len(r_J), dtype=np.int64))
 
 
 def _times(c: Campaign) -> Iterator[Source]:
@@ -170,7 +198,7 @@ def correlated(name: str, field: Field, L: Array, t_s: Array, group: Index, time
     ``L`` (J, d, d), ``t_s`` and ``group`` (J,).  With the correlation ``R = U w U^T`` of a group of r draws, the
     pattern (J, d, d r) is L times ``U sqrt(w)``.
     """
-    roots = {int(g): _root(t_s[group == g], time_s) for g in np.unique(group)}
+    roots = {int(g): _in_time(t_s[group == g], time_s) for g in np.unique(group)}
     width, d = max((root.shape[1] for root in roots.values()), default=0), L.shape[-1]
     pattern = np.zeros((t_s.size, d, width * d))
     for g, root in roots.items():
@@ -180,9 +208,13 @@ def correlated(name: str, field: Field, L: Array, t_s: Array, group: Index, time
     return as_stated(name, field, pattern, group)
 
 
-def _root(t_s: Array, time_s: float) -> Array:
-    """A square root (k, r) of the correlation of times (k,), with as few columns as it needs."""
-    values, vectors = np.linalg.eigh(np.exp(-np.abs(t_s[:, None] - t_s) / time_s))
+def _in_time(t_s: Array, time_s: float) -> Array:
+    return root_of(np.exp(-np.abs(t_s[:, None] - t_s) / time_s))
+
+
+def root_of(correlation: Array) -> Array:
+    """A square root (k, r) of a correlation (k, k), with as few columns as it needs."""
+    values, vectors = np.linalg.eigh(correlation)
     kept = values > NEGLIGIBLE * values[-1]
     return np.asarray(vectors[:, kept] * np.sqrt(values[kept]))
 

@@ -35,6 +35,7 @@ from .attitude_config import (
     attitude_rules,
     sharing_rules,
 )
+from .consider_config import ConsiderConfig
 from .fixed_frames import CAMERA, FixedFrame, Frames, frame_rules
 from .spice_config import SpiceConfig
 from .table_config import DetectionsConfig, ImagesConfig, LandmarksConfig, ObservationsConfig
@@ -231,6 +232,10 @@ class CampaignConfig(Section):
     )
     corrections: CorrectionsConfig = Field(
         default_factory=lambda: CorrectionsConfig(), description="the section [corrections]"
+    )
+    consider: ConsiderConfig = Field(
+        default_factory=lambda: ConsiderConfig(),
+        description='the section [consider], sigmas such as focal_length = "5um" of what is not estimated',
     )
     earth: EarthConfig | None = Field(default=None, description="the section [earth] with orientation_file")
     truth: TruthConfig | None = Field(default=None, description="the section [truth] with quaternion_xyzw")

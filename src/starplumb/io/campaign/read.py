@@ -10,11 +10,12 @@ from typing import Any
 import numpy as np
 
 from ...physics import so3
-from ...physics.errors import InputError
+from ...physics.errors import ArgumentError, InputError
 from ...physics.light import Corrections
 from ...physics.orientation import EarthOrientation
 from ...physics.units import ARCSEC
 from ...table.campaign import Campaign, Detections, Images, Landmarks, Sightings
+from ...table.considered import considered
 from ..gis.heights import Ground
 from ..tables.cells import Array
 from ..tables.read import Table
@@ -163,6 +164,7 @@ def _assemble(
     )
     if config.landmarks.common_sigma_m is not None:
         landmarks = replace(landmarks, common_sigma=np.array(config.landmarks.common_sigma_m))
+    landmarks = replace(landmarks, correlation_length=config.landmarks.correlation_length_m)
     grid = markers.Grid(*camera.size_px, shift_px=pixel_shift(config.camera))
     sightings, detections, rows = _marks(config, files, images, landmarks, grid, notices)
     marks = sightings if detections is None else detections
@@ -197,7 +199,15 @@ def _assemble(
         attitude_errors=attitude_sharing(config, attitude, exposures),
         position_errors=position_sharing(config.ephemeris),
     )
-    return campaign, detections, rows
+    return _considering(campaign, config, settings), detections, rows
+
+
+def _considering(campaign: Campaign, config: CampaignConfig, settings: str) -> Campaign:
+    """The campaign with its section [consider]."""
+    try:
+        return replace(campaign, considered=considered(config.consider.stated, campaign))
+    except ArgumentError as error:
+        raise InputError(f"{settings}: {error}") from None
 
 
 def _images(config: CampaignConfig, files: Files, scans: bool, notices: list[str]) -> Images:

@@ -55,6 +55,10 @@ class LandmarksConfig(TableKeys):
     common_sigma_m: Sigma | None = Field(
         default=None, description="a further error that the landmarks of one survey share (east, north, up)"
     )
+    correlation_length_m: Positive | None = Field(
+        default=None,
+        description="the distance over which errors of neighbouring landmarks are alike, a positive number",
+    )
 
     @classmethod
     def rules(cls, given: Mapping[str, Any]) -> Iterator[tuple[str, str]]:

@@ -14,6 +14,8 @@ from ...physics.light import inertial_velocity
 from ...physics.orientation import C_IF
 from ...physics.units import ARCSEC, DEG, MM, UM
 from ...table.campaign import Campaign, Detections, Landmarks
+from ...table.considered import REFRACTION
+from ...table.parameter_names import UNITS, unit_of
 from ..tables.cells import Array
 from ..tables.columns import CARTESIAN, GEODETIC, SIGMA_ENU
 from ..text.write import csv_text, publish
@@ -113,8 +115,23 @@ def _landmarks(landmarks: Landmarks) -> str:
 
 
 def _common(landmarks: Landmarks) -> dict[str, object]:
-    """The key about what the landmarks of a survey share, where it is stated."""
-    return {} if landmarks.common_sigma is None else {"common_sigma_m": landmarks.common_sigma}
+    """The keys about what the landmarks of a survey share, where it is stated."""
+    shared = {"common_sigma_m": landmarks.common_sigma, "correlation_length_m": landmarks.correlation_length}
+    return {key: value for key, value in shared.items() if value is not None}
+
+
+def _considered(campaign: Campaign) -> Sections:
+    """The section [consider], where something is."""
+    if not campaign.considered:
+        return []
+    return [("consider", {name: _with_unit(name, sigma) for name, sigma in campaign.considered})]
+
+
+def _with_unit(name: str, sigma: float) -> str:
+    if name == REFRACTION:
+        return f"{in_unit(sigma, 0.01)!r}%"
+    unit = unit_of(name)
+    return f"{in_unit(sigma, UNITS[unit])!r}{unit}"
 
 
 def _images(campaign: Campaign, scale: str) -> str:
@@ -182,6 +199,7 @@ def _sections(campaign: Campaign, scale: str, tracker: str, measured: str) -> Se
         ("landmarks", {"file": "landmarks.csv"} | _common(campaign.landmarks)),
         ("images", {"file": "images.csv"}),
         (measured, {"file": f"{measured}.csv"}),
+        *_considered(campaign),
         ("corrections", vars(campaign.corrections)),
     ]
 

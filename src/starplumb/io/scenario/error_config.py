@@ -65,13 +65,15 @@ _KINDS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "wander": (("sigma_arcsec", "correlation_time_s"), ("tracker", *_DISTRIBUTED)),
     "drift": (("sigma_arcsec",), ("harmonics", "tracker", *_DISTRIBUTED)),
     "position": (("sigma_m",), ("shared_by", "frame", "correlation_time_s", *_DISTRIBUTED)),
-    "landmark": (("sigma_m",), ("shared_by", *_DISTRIBUTED)),
+    "landmark": (("sigma_m",), ("shared_by", "correlation_length_m", *_DISTRIBUTED)),
     "pixel": (("sigma_px",), _DISTRIBUTED),
     "rounding": (("step_px",), ()),
     "blunder": (("rate", "size_px"), ()),
     "time-tag": (("sigma_ms",), ("shared_by", *_DISTRIBUTED)),
     "focal-length": (("sigma_ppm",), _DISTRIBUTED),
     "principal-point": (("sigma_px",), _DISTRIBUTED),
+    "look-angles": (("sigma_px",), _DISTRIBUTED),
+    "refraction": (("sigma_percent",), _DISTRIBUTED),
 }
 SHARED_BY = {
     "attitude": ("image", "pass", "session", "campaign"),
@@ -91,6 +93,7 @@ class ErrorConfig(Section):
     sigma_px: NotNegative | None = Field(default=None, description="a number of pixels per coordinate")
     sigma_ms: NotNegative | None = Field(default=None, description="a number of milliseconds")
     sigma_ppm: NotNegative | None = Field(default=None, description="millionths of the focal length")
+    sigma_percent: NotNegative | None = Field(default=None, description="a part of the refraction, percent")
     step_px: Positive | None = Field(
         default=None, description="the step to which coordinates are rounded, px"
     )
@@ -116,6 +119,9 @@ class ErrorConfig(Section):
         default=None,
         description="the correlation time of a Gauss-Markov error, s (its correlation then is 1/e)",
     )
+    correlation_length_m: Positive | None = Field(
+        default=None, description="the distance over which errors of neighbouring markers are alike, m"
+    )
     distribution: Annotated[
         Literal["gaussian", "uniform", "student"], choice("gaussian", "uniform", "student")
     ] = Field(default="gaussian", description='"gaussian", "uniform" or "student"')
@@ -135,6 +141,8 @@ class ErrorConfig(Section):
             yield "shared_by", f'found {show(given["shared_by"])}, wanted {listed} for error = "{kind}"'
         if "correlation_time_s" in given and given.get("shared_by", "image") != "image":
             yield "correlation_time_s", 'found it for an error that images share, wanted shared_by = "image"'
+        if "correlation_length_m" in given and given.get("shared_by", "marker") != "marker":
+            yield "correlation_length_m", 'found it for an error of the campaign, wanted shared_by = "marker"'
         if "degrees_of_freedom" in given and given.get("distribution") != "student":
             yield "degrees_of_freedom", 'found it for another distribution, wanted distribution = "student"'
 

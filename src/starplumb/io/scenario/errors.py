@@ -66,6 +66,12 @@ def _source(flight: Flight, name: str, error: ErrorConfig, tracker_axes: dict[st
             )
         case "position":
             return errors.position(flight, name, metres, error.frame, shared_by, shape)
+        case "landmark" if error.correlation_length_m is not None:
+            return errors.correlated_landmark(flight, name, metres, error.correlation_length_m, shape)
+        case "look-angles":
+            return errors.look_angles(flight, name, px, shape)
+        case "refraction":
+            return errors.refraction(flight, name, 0.01 * (error.sigma_percent or 0.0), shape)
         case "landmark":
             return errors.landmark(flight, name, metres, shared_by, shape)
         case "pixel":
