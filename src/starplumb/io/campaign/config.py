@@ -35,7 +35,6 @@ from .attitude_config import (
     attitude_rules,
     sharing_rules,
 )
-from .consider_config import ConsiderConfig
 from .fixed_frames import CAMERA, FixedFrame, Frames, frame_rules
 from .spice_config import SpiceConfig
 from .table_config import DetectionsConfig, ImagesConfig, LandmarksConfig, ObservationsConfig
@@ -198,6 +197,43 @@ class TruthConfig(Section):
     """[truth]: the mounting from the camera to the star tracker that a simulation started from."""
 
     quaternion_xyzw: Quaternion = Field(description="four numbers, scalar last")
+
+
+_PIXELS, _NUMBER = 'a sigma in pixels such as "0.4px"', 'a sigma, a number in quotes such as "0.01"'
+_ANGLE, _TIME = 'a sigma at the ends of the line such as "0.4px" or "1arcsec"', 'a sigma such as "2ms"'
+
+
+class ConsiderConfig(Section):
+    """[consider]: each with its unit; a group stands for each of its members."""
+
+    focal_length: Text | None = Field(default=None, description='a sigma such as "5um"')
+    principal_point: Text | None = Field(default=None, description=_PIXELS)
+    principal_column: Text | None = Field(default=None, description=_PIXELS)
+    principal_row: Text | None = Field(default=None, description=_PIXELS)
+    distortion: Text | None = Field(default=None, description=_NUMBER)
+    k1: Text | None = Field(default=None, description=_NUMBER)
+    k2: Text | None = Field(default=None, description=_NUMBER)
+    k3: Text | None = Field(default=None, description=_NUMBER)
+    p1: Text | None = Field(default=None, description=_NUMBER)
+    p2: Text | None = Field(default=None, description=_NUMBER)
+    look_angles: Text | None = Field(default=None, description=_ANGLE)
+    look_x_1: Text | None = Field(default=None, description=_ANGLE)
+    look_x_2: Text | None = Field(default=None, description=_ANGLE)
+    look_x_3: Text | None = Field(default=None, description=_ANGLE)
+    look_y_2: Text | None = Field(default=None, description=_ANGLE)
+    look_y_3: Text | None = Field(default=None, description=_ANGLE)
+    time_offset: Text | None = Field(default=None, description=_TIME)
+    time_offset_attitude: Text | None = Field(default=None, description=_TIME)
+    time_offset_orbit: Text | None = Field(default=None, description=_TIME)
+    trackers: Text | None = Field(default=None, description='a sigma such as "5arcsec"')
+    refraction: Text | None = Field(
+        default=None, description='the part by which it may be wrong, such as "10%"'
+    )
+
+    @property
+    def stated(self) -> dict[str, str]:
+        """What is stated, by name."""
+        return {name: text for name, text in self if text is not None}
 
 
 class CampaignConfig(Section):
