@@ -206,6 +206,20 @@ def test_a_minority_of_sightings_must_fit_and_be_more_than_three_tenths(images_l
         assert f"{4 * (20 - images_left)} of 80 sightings are rejected" in found.sentence
 
 
+@pytest.mark.parametrize(
+    ("left", "refutes"), [((1, 2, 2, 1), True), ((3, 3, 3, 2), False), ((2, 2, 2, 5), True)]
+)
+def test_a_minority_of_which_most_images_keep_fewer_than_three_may_agree_by_chance(left, refutes):
+    """Of four images with eight sightings each; what fits by itself, as heights in feet do where they are alike."""
+    o = observe(truth(FRAME, 4, 8))
+    place = np.arange(o.n) - np.searchsorted(o.image, o.image)
+    used = place < np.array(left)[o.image]
+    campaign = truth(FRAME, 4, 8)
+    found = rejected_sightings(Support(campaign, o, np.ones(o.n, dtype=bool), used), 0.5)
+    # of 32 sightings 10 are more than three tenths
+    assert (found is not None and found.refutes) is refutes
+
+
 def calibrated(monkeypatch, campaign, table, estimator):
     """The judgement of drawn measurements of a campaign, whose files say nothing."""
     monkeypatch.setattr(judge, "table_of", lambda _: table)

@@ -217,6 +217,15 @@ def test_images_that_surely_scatter_ten_times_as_stated_refute(ratio, refutes):
     assert ("starplumb diagnose" in found.sentence) is refutes
 
 
+@pytest.mark.parametrize(("images", "refutes"), [(5, True), (6, False)])
+def test_of_few_images_the_ratio_itself_decides(images, refutes):
+    """12 times, at least 9.6 times: five images cannot tell how surely."""
+    found, *_ = findings_of_sources(
+        FromData(images, None, None, (source("across", 5.0, 12.0, 1e-9),)), images
+    )
+    assert (found.weakens, found.refutes) == (True, refutes)
+
+
 @pytest.mark.parametrize("images", [5, 6])
 def test_few_images_confirm_nothing_and_that_is_said(images):
     found = findings_of_sources(FromData(images, None, None, ()), images)

@@ -28,6 +28,8 @@ MINORITY = 0.5
 """Share of the images rejected from which on those left are no majority: the answer is one of several."""
 FEW_LEFT = 0.3
 """Share of the sightings below which those left may agree by chance, or because they lie together."""
+FEW_IN_IMAGE = 3
+"""Sightings left in most images below which, where more were rejected, they may agree by chance."""
 WORSE = 1.5
 """Geolocation error of the control points after over before, from which on an answer is worse than none."""
 CULPRIT_P = 1e-4
@@ -98,10 +100,14 @@ def rejected_images(support: Support) -> Finding | None:
 
 
 def rejected_sightings(support: Support, p: float | None) -> Finding | None:
-    """Too few sightings left to speak for an answer, or a minority whose own chi-square is improbable (``p``)."""
+    """Too few sightings left to speak for an answer, or a minority that is scattered over the images or whose own
+    chi-square is improbable (``p``)."""
     offered, used = int(np.sum(support.offered)), int(np.sum(support.used))
-    contradictory = used < MINORITY * offered and p is not None and p < CULPRIT_P
-    if used >= FEW_LEFT * offered and not contradictory:
+    minority = used < MINORITY * offered
+    contradictory = minority and p is not None and p < CULPRIT_P
+    left = support.counts[1][support.counts[1] > 0]
+    scattered = minority and left.size > 0 and float(np.median(left)) < FEW_IN_IMAGE
+    if used >= FEW_LEFT * offered and not (contradictory or scattered):
         return None
     return Finding(
         f"{offered - used} of {offered} sightings are rejected, and those left "

@@ -11,8 +11,8 @@ TOO_SMALL_P, TOO_LARGE_P = 1e-3, 1e-4
 """Probability, over the number of sources, below which a source is said to be larger or smaller than stated: larger
 harms the answer, smaller is a hint."""
 BEYOND = 10.0
-"""Ratio to what is stated from which on, surely, an error is no larger variance but something wrong: residuals of whole
-images are held to the limit that holds for those of sightings."""
+"""Ratio to what is stated from which on an error is no larger variance but something wrong: residuals of whole images
+are held to the limit that holds for those of sightings, surely where there are images enough to tell."""
 FEW_IMAGES = 5
 """Images up to which their scatter confirms nothing: with five a sigma stated half is missed more often than found."""
 
@@ -23,7 +23,8 @@ def findings_of_sources(found: FromData | None, images: int) -> list[Finding]:
         return [] if images < 2 else [_unconfirmed(images)]
     others = any(_surely_larger(source, len(found.sources)) for source in found.sources)
     spoken = [source for source in found.sources if not (others and _explained(source))]
-    told = [one for one in (_told(source, len(found.sources)) for source in spoken) if one is not None]
+    few = found.images <= FEW_IMAGES
+    told = [one for one in (_told(source, len(found.sources), few) for source in spoken) if one is not None]
     if found.times is not None and found.times.p < TOO_SMALL_P and not any(one.weakens for one in told):
         told.append(_times(found.times))
     confirmed = found.images > FEW_IMAGES or any(finding.weakens for finding in told)
@@ -58,15 +59,15 @@ def _surely_larger(source: SourceFound, count: int) -> bool:
     return source.p < TOO_SMALL_P / count and not _explained(source)
 
 
-def _told(source: SourceFound, count: int) -> Finding | None:
+def _told(source: SourceFound, count: int, few: bool) -> Finding | None:
     if source.p < TOO_SMALL_P / count:
-        return _too_small(source)
+        return _too_small(source, few)
     if source.p > 1.0 - TOO_LARGE_P / count and source.stated > 0.0:
         return Finding(f"{_ratio(source)}, less than it need be: the stated sigma is too large", False)
     return None
 
 
-def _too_small(source: SourceFound) -> Finding | None:
+def _too_small(source: SourceFound, few: bool) -> Finding | None:
     if source.stated == 0.0:
         return Finding(
             f"{source.name} is not stated: {source.found:.2g} {source.unit} ({probability(source.p)}); the interval is "
@@ -78,8 +79,10 @@ def _too_small(source: SourceFound) -> Finding | None:
         return Finding(
             f"{_ratio(source)} ({probability(source.p)}); the interval is widened by it", not exact
         )
-    refutes = source.interval is not None and source.interval[0] > BEYOND
-    if source.ratio is not None and source.ratio <= 1.0:
+    assert source.ratio is not None
+    assert source.interval is not None
+    refutes = (source.ratio if few else source.interval[0]) > BEYOND
+    if source.ratio <= 1.0:
         return Finding(
             f"the images disagree ({probability(source.p)}), and no variance of what is stated explains it: run "
             "starplumb diagnose",
