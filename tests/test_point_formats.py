@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner as ClickRunner
 from typer.testing import CliRunner
 
 from starplumb.cli.app import app
@@ -105,6 +106,44 @@ def test_rasterio_counts_from_the_corner_as_json_as_table_and_as_tags(tmp_path):
         )
         np.testing.assert_array_equal(found.height, [120.0])
     assert as_json.landmark_id == as_table.landmark_id == ("7",)
+
+
+@pytest.mark.parametrize(
+    "how", ["", "--collection", "--rs --indent 2", "--projected", "--projected --collection"]
+)
+def test_what_rasterio_itself_writes_is_read_in_every_form(tmp_path, how):
+    """500000 E, 5000000 N of zone 32 is on its meridian, 9 E; features stand one a line by default."""
+    rio = pytest.importorskip("rasterio.rio.main").main_group
+    points = [
+        rasterio.control.GroundControlPoint(row=1.5, col=0.5 + i, x=5e5, y=5e6 + 1e3 * i, z=120.0, id=str(i))
+        for i in range(3)
+    ]
+    profile = {"driver": "GTiff", "width": 4, "height": 4, "count": 1, "dtype": "uint8"}
+    with rasterio.open(tmp_path / "img.tif", "w", gcps=points, crs="EPSG:32632", **profile) as file:
+        file.write(np.zeros((1, 4, 4), dtype=np.uint8))
+    printed = ClickRunner().invoke(rio, ["gcps", *how.split(), str(tmp_path / "img.tif")])
+    assert printed.exit_code == 0, printed.output
+    (tmp_path / "img.geojson").write_text(printed.stdout)
+    found = read_ground_points(tmp_path / "img.geojson")
+    assert found.landmark_id == ("1", "2", "3")  # a TIFF keeps no names
+    np.testing.assert_allclose(found.longitude / DEG, 9.0, rtol=1e-13)
+    meridian = np.diff(found.latitude) * 6_367_400.0  # m: the radius of curvature there
+    np.testing.assert_allclose(meridian, 1000.0 / 0.9996, rtol=1e-4)
+    np.testing.assert_array_equal(found.column_px, [0.0, 1.0, 2.0])
+    np.testing.assert_array_equal(found.row_px, [1.0, 1.0, 1.0])
+
+
+def test_a_sequence_of_two_systems_is_refused(tmp_path):
+    properties = {"id": "7", "row": 0.5, "col": 0.5, "x": 9.0, "y": 45.0, "crs": "EPSG:4326"}
+    lines = [json.dumps(feature(properties | {"crs": crs}, 9.0, 45.0)) for crs in ("EPSG:4326", "EPSG:32632")]
+    (tmp_path / "img.geojsonl").write_text("\n".join(lines))
+    with pytest.raises(
+        InputError, match=r"feature 2: found another crs than that of feature 1, wanted one for all"
+    ):
+        read_ground_points(tmp_path / "img.geojsonl")
+    (tmp_path / "img.geojsonl").write_text(lines[0] + " {")
+    with pytest.raises(InputError, match="found text that is not JSON"):
+        read_ground_points(tmp_path / "img.geojsonl")
 
 
 def test_opendronemap_states_its_system_first(tmp_path):

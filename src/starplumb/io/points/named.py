@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -11,33 +12,75 @@ from ..tables.read import read_table
 from ..text.files import read_text, show
 from .from_rows import from_rows
 from .ground_points import GroundPoints, Row
-from .layouts import LAYOUTS, Layout, layout_of
+from .layouts import LAYOUTS, RASTERIO, Layout, layout_of
 
 _CRS84 = "OGC:CRS84"
+_BLANKS = re.compile(r"[ \t\r\n\x1e]*")
+"""What may stand between the texts of a sequence."""
 _IN_GEOMETRY = [layout for layout in LAYOUTS if layout.program in ("Orthority", "rasterio", "starplumb")]
 
 
 def read_geojson_points(path: Path, crs: str | None = None) -> GroundPoints:
-    """Points of a ``FeatureCollection``: WGS 84 (RFC 7946) unless its member ``crs`` or ``crs`` says otherwise."""
-    document = _document(path)
+    """Points of a ``FeatureCollection`` or a sequence of features (RFC 8142, or one a line).
+
+    They are WGS 84 (RFC 7946) unless the member ``crs``, rasterio's attribute of that name, or ``crs`` says otherwise.
+    """
+    features, reference = _features(path)
+    own = [_own_system(path, i, feature) for i, feature in enumerate(features, 1)]
+    if odd := [i for i, each in enumerate(own, 1) if each != own[0]]:
+        raise InputError(
+            f"{path}, feature {odd[0]}: found another crs than that of feature 1, wanted one for all"
+        )
+    rows = [
+        _feature(path, f"{path}, feature {i}", i, feature, own[0] is None)
+        for i, feature in enumerate(features, 1)
+    ]
+    return from_rows(path, crs or own[0] or reference, rows)
+
+
+def _features(path: Path) -> tuple[list[Any], str]:
+    """The features of a file, and the reference system of their geometries."""
+    documents = _documents(path)
+    if len(documents) > 1 or documents[0].get("type") == "Feature":
+        return documents, _CRS84
+    document = documents[0]
     features = document.get("features")
     if document.get("type") != "FeatureCollection" or not isinstance(features, list) or not features:
         raise InputError(f"{path}: found {show(document.get('type'))}, wanted a FeatureCollection of points")
-    rows: list[Row] = []
-    for i, feature in enumerate(features, 1):
-        rows.append(_feature(path, f"{path}, feature {i}", i, feature))
-    return from_rows(path, crs or _member(path, document), rows)
+    return features, _member(path, document)
 
 
-def _document(path: Path) -> dict[str, Any]:
+def _documents(path: Path) -> list[dict[str, Any]]:
+    """The objects that stand one after another in a file, at least one."""
+    text, decoder = read_text(path), json.JSONDecoder()
+    found: list[Any] = []
+    at = _past_blanks(text, 0)
     try:
-        document = json.loads(read_text(path))
+        while not found or at < len(text):
+            document, at = decoder.raw_decode(text, at)
+            at = _past_blanks(text, at)
+            found.append(document)
     except (ValueError, RecursionError) as error:
         reason = " ".join(str(error).split())
         raise InputError(f"{path}: found text that is not JSON ({reason}), wanted GeoJSON") from None
-    if not isinstance(document, dict):
-        raise InputError(f"{path}: found {show(document)}, wanted GeoJSON, a FeatureCollection of points")
-    return document
+    if odd := [each for each in found if not isinstance(each, dict)]:
+        raise InputError(f"{path}: found {show(odd[0])}, wanted GeoJSON, a FeatureCollection of points")
+    return found
+
+
+def _past_blanks(text: str, at: int) -> int:
+    blanks = _BLANKS.match(text, at)
+    return blanks.end() if blanks else at
+
+
+def _own_system(path: Path, number: int, feature: Any) -> str | None:
+    """The reference system that rasterio writes beside x and y; the geometry may be in it, or turned to WGS 84."""
+    properties = feature.get("properties") if isinstance(feature, dict) else None
+    if not isinstance(properties, dict) or not {*RASTERIO.needs(with_place=True), "crs"} <= set(properties):
+        return None
+    if not isinstance(own := properties["crs"], str):
+        raise InputError(f"{path}, feature {number}: found crs = {show(own)}, wanted a reference system")
+    return own
 
 
 def _member(path: Path, document: dict[str, Any]) -> str:
@@ -52,7 +95,7 @@ def _member(path: Path, document: dict[str, Any]) -> str:
     return name
 
 
-def _feature(path: Path, where: str, number: int, feature: Any) -> Row:
+def _feature(path: Path, where: str, number: int, feature: Any, in_geometry: bool) -> Row:
     geometry = feature.get("geometry") if isinstance(feature, dict) else None
     properties = feature.get("properties") if isinstance(feature, dict) else None
     if not isinstance(geometry, dict) or geometry.get("type") != "Point" or not isinstance(properties, dict):
@@ -61,6 +104,8 @@ def _feature(path: Path, where: str, number: int, feature: Any) -> Row:
     if not isinstance(place, list) or len(place) not in (2, 3):
         raise InputError(f"{where}: found the coordinates {show(place)}, wanted two or three numbers")
     layout = layout_of(where, list(properties), _IN_GEOMETRY, with_place=False)
+    if not in_geometry:
+        return layout.row(path, where, number, properties)
     x, y = layout.place
     # the geometry goes before attributes of the same meaning
     values = properties | {x: place[0], y: place[1]}

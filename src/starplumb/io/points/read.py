@@ -34,7 +34,7 @@ def read_ground_points(path: Path, crs: str | None = None) -> GroundPoints:
             return read_asp(path)
         case ".txt":
             return read_odm(path, crs)
-        case ".geojson" | ".json":
+        case ".geojson" | ".json" | ".geojsonl" | ".geojsons":
             return read_geojson_points(path, crs)
         case ".csv":
             return read_csv_points(path, crs)
