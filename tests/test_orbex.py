@@ -121,6 +121,7 @@ FAULTS = {
     "not a number": ("4  0.6 ", "4  nan ", "line 25: found"),
     "norm": ("4  0.6 ", "4  0.7 ", "line 25: the quaternion has norm 1.06301"),
     "back": ("## 2020 01 01 00 00 28.5", "## 2020 01 01 00 00 08.5", "not later than before"),
+    "broken off": ("-EPHEMERIS/DATA\n%END_ORBEX\n", "", 'line 26: found the end within "EPHEMERIS/DATA"'),
     "nothing": (" ATT", " POS", "found no record ATT"),
 }
 

@@ -43,6 +43,7 @@ AttitudeTimeQuatAngVels
 0.000000000000e+000 -2.424118508012e-017 0.000000000000e+000 0.000000000000e+000 1.000000000000e+000 4.798043195447e-017 -4.004914679595e-017 6.000000000000e+000
 1.000000000000e+001 -2.097916970074e-017 1.215727082258e-017 5.000000000000e-001 8.660254037844e-001 3.618560369071e-017 2.477422471270e-017 6.000000000000e+000
 2.000000000000e+001 -1.198428637670e-017 2.114855211462e-017 8.660254037844e-001 5.000000000000e-001 2.111895113580e-017 -1.161629167034e-017 6.000000000000e+000
+END Attitude
 """  # noqa: E501
 """The first rows of the example of the format that the maker publishes: rates in deg/s about the axes of the body."""
 
@@ -212,4 +213,22 @@ def test_an_attitude_that_is_none_is_refused(tmp_path):
     ):
         with pytest.raises(InputError) as error:
             read_stk_attitude(written(tmp_path, TURNING.replace(old, new)))
+        assert message in str(error.value)
+
+
+def test_a_file_that_breaks_off_is_refused_unless_it_has_what_it_announces(tmp_path):
+    """Some simulators leave END out; a transfer that broke off leaves rows out, or digits of the last number."""
+    broken = EPHEMERIS[: EPHEMERIS.index("\nEND")]
+    (notice,) = read_stk_ephemeris(written(tmp_path, broken)).notices
+    assert "found no END Ephemeris, but all 2 rows that it announces" in notice
+    for text, message in (
+        (
+            broken.replace("4.0 7058.137 0.0 15.0 0.0 0.0 7.5\n", ""),
+            'line 12: found 1 rows of "2" and no END Ephemeris',
+        ),
+        (broken.replace("NumberOfEphemerisPoints 2", ""), "line 13: found 2 rows and no END Ephemeris below"),
+        (broken.rstrip()[:-2], "line 13: found the end of the file within a row"),
+    ):
+        with pytest.raises(InputError) as error:
+            read_stk_ephemeris(written(tmp_path, text))
         assert message in str(error.value)

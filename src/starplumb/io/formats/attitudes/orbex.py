@@ -63,8 +63,9 @@ def read_orbex(path: Path, satellite: str | None = None) -> AttitudeTable:
 
 
 def _lines(path: Path) -> Iterator[tuple[int, str, str]]:
-    """Lines of content with their numbers and the name of their block."""
+    """Lines of content with their numbers and the name of their block. A file must not break off within one."""
     block = ""
+    at = 0
     for at, line in enumerate(read_text(path).splitlines(), 1):
         if line.startswith("+"):
             block = line[1:].strip()
@@ -72,6 +73,8 @@ def _lines(path: Path) -> Iterator[tuple[int, str, str]]:
             block = ""
         elif line.strip() and not line.startswith(("*", "%")):
             yield at, block, line
+    if block:
+        raise InputError(f"{path}, line {at}: found the end within {show(block)}, wanted a whole file")
 
 
 def _epoch(path: Path, at: int, line: str) -> str:

@@ -34,6 +34,7 @@ class StkFile:
     lines: list[int] = field(default_factory=list)
     rows: list[list[str]] = field(default_factory=list)
     borders: list[tuple[int, str]] = field(default_factory=list)
+    notices: list[str] = field(default_factory=list)
 
     def error(self, line: int, fault: str) -> InputError:
         return InputError(f"{self.path}, line {line}: {fault}")
@@ -46,7 +47,8 @@ def parse(path: Path, block: str, kinds: dict[str, int]) -> StkFile:
     """The one block of a file, its rows of words not yet numbers."""
     file = StkFile(path)
     spelt = {kind.lower(): kind for kind in kinds}
-    lines = _meaningful(read_text(path))
+    content = read_text(path)
+    lines = _meaningful(content)
     for at, text in lines:
         words = text.split()
         key = words[0].lower()
@@ -61,15 +63,29 @@ def parse(path: Path, block: str, kinds: dict[str, int]) -> StkFile:
             file.keys[key] = (at, text.split(None, 1)[1].strip().strip('"'))
     if not file.kind:
         raise InputError(f"{path}: found no data of an {block.lower()}, wanted {', '.join(kinds)}")
+    closed = False
     for at, text in lines:
         words = text.split()
-        if words[0][0].isalpha():  # END, or a table of covariances
+        if closed := words[0][0].isalpha():  # END, or a table of covariances
             break
         file.lines.append(at)
         file.rows.append(words)
     if not file.rows:
         raise file.error(file.kind_line, "found no row below it, wanted times and numbers")
+    if not closed:
+        _require_whole(file, block, content.endswith(("\n", "\r")))
     return file
+
+
+def _require_whole(file: StkFile, block: str, ends_a_line: bool) -> None:
+    """A file without END is broken off, unless it has the rows that it announces."""
+    if not ends_a_line:
+        raise file.error(file.lines[-1], f"found the end of the file within a row, wanted END {block}")
+    announced, n = file.value(f"NumberOf{block}Points"), len(file.rows)
+    if announced is None or announced.split(".")[0] != str(n):
+        of = "" if announced is None else f" of {show(announced)}"
+        raise file.error(file.lines[-1], f"found {n} rows{of} and no END {block} below, wanted a whole file")
+    file.notices.append(f"{file.path}: found no END {block}, but all {n} rows that it announces")
 
 
 def _meaningful(text: str) -> Iterator[tuple[int, str]]:
@@ -101,7 +117,7 @@ def times(file: StkFile) -> tuple[EpochArray, list[int], tuple[Rows, ...], list[
         raise file.error(line, f"TimeFormat is {show(file.value('TimeFormat'))}, wanted EpSec or UTCG")
     t_ns = clock[style](file)
     borders = set(_bordertimes(file, style))
-    keep, notices = list(range(len(t_ns))), []
+    keep, notices = list(range(len(t_ns))), [*file.notices]
     for row in np.flatnonzero(np.diff(t_ns) <= 0).tolist():
         if t_ns[row + 1] < t_ns[row] or int(t_ns[row]) not in borders:
             fault = "repeats" if t_ns[row + 1] == t_ns[row] else "is earlier than"
