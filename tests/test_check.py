@@ -136,3 +136,15 @@ def test_the_command_tells_all_and_then_refuses(tmp_path):
 def test_a_campaign_that_cannot_be_read_is_refused_as_everywhere(tmp_path):
     path = write_good_campaign(tmp_path, images="image_id,time\nI1,noon\n")
     assert "images.csv, row 2, column time" in str(run(path).exception)
+
+
+def test_an_image_of_another_day_is_not_covered(tmp_path):
+    """Its rows, of which no number is stated, do not go on until the attitude begins."""
+    CliRunner().invoke(app, ["init", str(tmp_path / "demo"), "--camera", "line-scan", "--images", "2"])
+    path = tmp_path / "demo" / "images.csv"
+    header, first, second = path.read_text().split()
+    name, _, period = second.split(",")
+    path.write_text("\n".join([header, first, f"{name},2025-06-20T10:30:00,{period}"]) + "\n")
+    found = sp.check(sp.read_campaign(tmp_path / "demo" / "campaign.toml", outside="skip"))
+    assert found.document["images"]["not_covered"] == [name]
+    assert found.document["marks"]["control"] > 0

@@ -20,6 +20,8 @@ from .geometry import ROW_TOLERANCE_PX, apparent, middle_px, scan_step, stations
 Array = NDArray[np.float64]
 
 _MOST_STEPS = 30
+MOST_ROWS = 10_000_000
+"""So many rows an image of unknown length has at most; what is beyond is another image, or a slip of the pen."""
 _NODES = 65
 """Rows at which the beginning of what is covered is looked for."""
 _FIELD = 1.5
@@ -142,17 +144,18 @@ def row_span(campaign: Campaign, image: int) -> tuple[float, float] | None:
     anchor = images.exposed(np.array([image]), nodes[[int(np.argmax(good))]])
     ends_ns = _burst(campaign, anchor)
     ends = np.sort(images.row_at(image, ends_ns))
-    if last > first:
-        ends = np.clip(ends, first, last)
+    ends = np.clip(ends, first, last) if last > first else np.clip(ends, -0.5, MOST_ROWS)
     return float(ends[0]), float(ends[1])
 
 
 def _nearest_rows(campaign: Campaign, image: int) -> Array:
-    """Row 0 of an image of unknown length, and that of the attitude's nearest sample."""
+    """Row 0 of an image of unknown length, and the first later one at a sample of the attitude, if it has that many."""
     images = campaign.images
     period = 1.0 if images.line_period_s is None else float(images.line_period_s[image])
     late_ns = np.concatenate([attitude.t_ns for attitude in campaign.attitudes]) - images.t_ns[image]
-    return np.array([0.0, late_ns[np.argmin(np.abs(late_ns))] * 1e-9 / period])
+    rows = late_ns * 1e-9 / period
+    within = rows[(rows >= 0.0) & (rows <= MOST_ROWS)]
+    return np.array([0.0, within.min()] if within.size else [0.0])
 
 
 def _burst(campaign: Campaign, t_ns: NDArray[np.int64]) -> NDArray[np.int64]:

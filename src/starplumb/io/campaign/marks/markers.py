@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....physics.errors import InputError
+from ....table.appearance import MOST_ROWS
 from ....table.campaign import Detections, Sightings
 from ...tables.cells import Array
 from ...tables.declared import UNDECLARED, Declared
@@ -18,9 +19,6 @@ from ...text.files import nearest, show
 from .point_files import PointFiles
 
 Index = NDArray[np.int64]
-
-MOST_ROWS = 10_000_000
-"""A line scanner's rows are epochs, which orbit and attitude bound; beyond so many of them is a slip of the pen."""
 
 
 @dataclass(frozen=True)
