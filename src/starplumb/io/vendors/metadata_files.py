@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Literal
 
@@ -71,9 +72,7 @@ def metadata_files(folder: Path) -> list[Path]:
 
     Of an .IMD and an XML file of one name, which say the same, the .IMD is taken where .ATT and .EPH are beside it.
     """
-    every = [
-        file for file in sorted(folder.rglob("*")) if len(file.relative_to(folder).parts) <= _MOST_DEEP + 1
-    ]
+    every = _files(folder, _MOST_DEEP)
     named = {(file.with_suffix("").as_posix().lower(), file.suffix.lower()): file for file in every}
     images: dict[str, Path] = {}
     for (stem, suffix), file in named.items():
@@ -81,6 +80,15 @@ def metadata_files(folder: Path) -> list[Path]:
         if whole or (suffix in (".xml", ".dim") and stem not in images and _describes_an_image(file)):
             images[stem] = file
     return list(images.values()) or [file for (_, suffix), file in named.items() if suffix == ".imd"]
+
+
+def _files(folder: Path, deep: int) -> Iterator[Path]:
+    """The files in a folder and, ``deep`` levels down, in those in it, in the order of their names."""
+    for entry in sorted(folder.iterdir()):
+        if entry.is_file():
+            yield entry
+        elif deep and entry.is_dir():
+            yield from _files(entry, deep - 1)
 
 
 def _describes_an_image(path: Path) -> bool:
