@@ -333,12 +333,14 @@ def test_sizes_padded_to_blocks_of_nitf(tmp_path: Path, shared_cases: Path) -> N
     assert (product.rows, product.columns) == (1001, 2048)
     assert "numRows, 1024, is padded to blocks; 1001 rows have times" in product.notices[0]
     assert "may be padded to blocks too" in product.notices[1]
-    parts["RPB"] = {"IMAGE": {"lineOffset": "499", "sampOffset": "999.5"}}
+    parts["RPB"] = {"IMAGE": {"lineOffset": "499", "sampOffset": "999"}}
     product = read_digitalglobe(_write(tmp_path, parts))
     assert (product.rows, product.columns) == (1001, 2000)
     assert product.corners is not None
     assert product.corners.column_px[1] == 1999.0
     assert product.corners.row_px[2] == 1000.0
+    parts["TIL"] = {"bandId": "P", "numTiles": "1", "tileSizeX": "2001", "tileSizeY": "1001"}
+    assert read_digitalglobe(_write(tmp_path, parts)).columns == 2001
     folder = shared_cases / "worldview_nitf"
     for name, rows in (("padded", 6244), ("true_size", 6244)):
         assert read_digitalglobe(folder / f"{name}.xml").rows == rows
@@ -607,3 +609,66 @@ def test_choices_that_a_product_does_not_have(tmp_path: Path) -> None:
     empty.mkdir()
     with pytest.raises(InputError, match=r"found a folder without \.IMD and \.XML"):
         read_product(empty)
+
+
+WV2_STATES = """\
+1677197.914405888 -1607556.568123679 6748357.801548503 -7004.669156366486 1801.536913448006 2165.131455360872
+1677057.82067616 -1607520.53682114 6748401.102708912 -7004.70037994612 1801.592380480377 2164.983504815644
+1676917.726323496 -1607484.504409681 6748444.400909781 -7004.73160058854 1801.647847157137 2164.835552127879
+1676777.631347852 -1607448.470889282 6748487.696151122 -7004.762818136837 1801.703313693499 2164.687597605288
+1676637.535749495 -1607412.436260009 6748530.988432857 -7004.794032952873 1801.758779468202 2164.5396406484
+1676497.439528388 -1607376.400521852 6748574.277754991 -7004.825244112523 1801.814244296119 2164.391684362263
+1676357.342684502 -1607340.363674802 6748617.564117546 -7004.856451792703 1801.869708425535 2164.243727963475
+1676217.245218091 -1607304.325718916 6748660.847520436 -7004.887138144977 1801.924156038479 2164.098322801484
+"""
+WV2_QUATERNIONS = """\
+-0.3219990940477899 -0.9022891109830017 -0.2120775528418085 0.1929094482251634
+-0.321998920943691 -0.9022748781365021 -0.2121197716167088 0.1929298880011449
+-0.3219987458231221 -0.9022606417196934 -0.212161997003694 0.1929503281140202
+-0.3219985682318666 -0.9022464031349754 -0.2122042232091 0.1929707691305861
+-0.3219983866222483 -0.9022321619362654 -0.2122464516514974 0.192991214157096
+-0.3219982006929841 -0.9022179165275296 -0.2122886835641528 0.1930116697969421
+-0.3219980131986101 -0.9022036658216323 -0.2123309171351906 0.1930321385227991
+-0.3219978297178937 -0.9021894101088561 -0.2123731492472831 0.1930526130959946
+"""
+WV2_CORNERS_DEG_M = {"UL": (72.55587169, -38.14998154, 3231.41), "UR": (72.54679814, -38.68863101, 3205.21)}
+"""Around the first line of WorldView-2 1030010021309100, 2013-05-08 (among the tests of the Ames Stereo Pipeline)."""
+
+
+def test_a_real_padded_product_meets_its_own_corners(tmp_path: Path) -> None:
+    """NITF, 35840 x 22528 as stated, 35180 x 21756 in truth; of its samples those around the first line."""
+    start, step = "2013-05-08T00:03:30.458844Z", "0.02"
+    corners = {f"{name}{key}": 0.0 for name in ("LR", "LL") for key in ("Lat", "Lon", "HAE")}
+    for name, place in WV2_CORNERS_DEG_M.items():
+        corners |= dict(zip((f"{name}Lat", f"{name}Lon", f"{name}HAE"), place, strict=True))
+    imd = _imd("2013-05-08T00:03:30.536775Z", [[0.0, 0.0], [21756.0, 1.0878]])
+    image = {**imd["IMAGE_1"], "TLCTime": "2013-05-08T00:03:30.536775Z", "avgLineRate": "20000.0"}  # type: ignore[dict-item]
+    size = {"numRows": "22528", "numColumns": "35840", "outputFormat": '"NITF21NCDRD"'}
+    series = {"startTime": start, "numPoints": "8", "timeInterval": step}
+    orbit, attitude = (
+        [[i, *map(float, line.split())] for i, line in enumerate(text.splitlines(), 1)]
+        for text in (WV2_STATES, WV2_QUATERNIONS)
+    )
+    array = {
+        "detOriginX": "-0.259",
+        "detOriginY": "140.7276907149051",
+        "detRotAngle": "0",
+        "detPitch": "0.008",
+    }
+    parts: dict[str, dict[str, object]] = {
+        "IMD": {**imd, **size, "BAND_P": corners, "IMAGE_1": image},
+        "ATT": {**series, "attList": [[*row, *np.eye(4)[np.triu_indices(4)] * 1e-11] for row in attitude]},
+        "EPH": {**series, "ephemList": [[*row, 1e-2, 0, 0, 1e-2, 0, 1e-2] for row in orbit]},
+        "GEO": {
+            **GEO,
+            "PRINCIPAL_DISTANCE": {"pd": "13246.139"},
+            "DETECTOR_MOUNTING": {"BAND_P": {"DETECTOR_ARRAY_1": array}},
+        },
+        "RPB": {"IMAGE": {"lineOffset": "10877", "sampOffset": "17589"}},
+    }
+    product = read_digitalglobe(_write(tmp_path, parts))
+    assert (product.rows, product.columns) == (21756, 35180)
+    assert product.corners is not None
+    campaign, image_of = product.campaign(), np.zeros(2, dtype=np.int64)
+    met = locate(campaign, product.C_EK, image_of, [0.0, 35179.0], [0.0, 0.0], product.corners.height[:2])
+    assert np.linalg.norm(met - product.corners.r_J[:2], axis=-1).max() < 1.0

@@ -290,3 +290,90 @@ def test_a_scene_becomes_a_campaign(tmp_path: Path) -> None:
     notices = import_product(tmp_path, tmp_path / "out", sigma_m=1.0, sigma_arcsec=1.0)
     assert (tmp_path / "out" / "campaign.toml").is_file()
     assert not any("covers the rows" in notice for notice in notices)
+
+
+HRS_ORBIT = """\
+12:29:27 1372096.296 -2073440.537 -6769226.7226 -6324.271639 3325.37735 -2300.943826
+12:29:57 1181968.3237 -1972297.0102 -6835012.5303 -6349.858264 3417.009158 -2084.431893
+12:30:27 991168.95999 -1868451.4484 -6894272.9756 -6369.030109 3505.494378 -1865.953952
+12:30:57 799890.70129 -1761999.9146 -6946952.1725 -6381.784699 3590.722488 -1645.716564
+12:31:27 608326.02248 -1653041.7422 -6993000.4548 -6388.125946 3672.585993 -1423.927765
+12:31:57 416667.18582 -1541679.4427 -7032374.4171 -6388.064104 3750.980541 -1200.796873
+12:32:27 225106.05159 -1428018.6094 -7065036.9501 -6381.61571 3825.805034 -976.5343046
+12:32:57 33833.890323 -1312167.8187 -7090957.2719 -6368.803533 3896.961721 -751.3514136
+12:33:27 -156958.80356 -1194238.5283 -7110110.953 -6349.656542 3964.356296 -525.4603474
+"""
+HRS_ANGLES = """\
+03.206912 1.1621635280e-03 -9.5496029568e-04 -1.7549389832e-05
+03.456912 1.1623283868e-03 -9.5492219975e-04 -1.7704390877e-05
+03.706911 1.1623883717e-03 -9.5475042923e-04 -1.7710977149e-05
+04.956908 1.1630594764e-03 -9.5434573648e-04 -1.7678268548e-05
+06.081906 1.1632982771e-03 -9.5488830010e-04 -1.6884533236e-05
+"""
+HRS_QUATERNIONS = """\
+03.206912 1.3065856695e-01 8.9903533459e-01 4.1715109348e-01 -2.5486033410e-02
+03.456912 1.3054236770e-01 8.9905583858e-01 4.1714018583e-01 -2.5537047535e-02
+03.706911 1.3042607903e-01 8.9907634258e-01 4.1712933779e-01 -2.5588031858e-02
+04.956908 1.2984478474e-01 8.9917850494e-01 4.1707473993e-01 -2.5842823088e-02
+06.081906 1.2932184339e-01 8.9927005768e-01 4.1702568531e-01 -2.6071660221e-02
+"""
+HRS_TIE_POINT_DEG = (-76.636309, -75.519946)
+"""Of the segment of SPOT 5, HRS 1, of 2008-03-04 12:31:03.1 (among the tests of the Ames Stereo Pipeline): positions,
+velocities, yaw, pitch and roll, quaternions, and where the vendor's model has column 1 of row 1 at height 0."""
+
+
+def _hrs() -> str:
+    points = ""
+    for time, *state in map(str.split, HRS_ORBIT.splitlines()):
+        axes = [f"<{axis}>{value}</{axis}>" for axis, value in zip("XYZXYZ", state, strict=True)]
+        location, velocity = "".join(axes[:3]), "".join(axes[3:])
+        states = f"<Location>{location}</Location><Velocity>{velocity}</Velocity>"
+        points += f"<Point>{states}<TIME>2008-03-04T{time}</TIME></Point>"
+    angles = "".join(
+        f"<Angles><TIME>2008-03-04T12:31:{t}</TIME><YAW>{yaw}</YAW><PITCH>{pitch}</PITCH><ROLL>{roll}</ROLL></Angles>"
+        for t, yaw, pitch, roll in map(str.split, HRS_ANGLES.splitlines())
+    )
+    rows = ""
+    for t, *q in map(str.split, HRS_QUATERNIONS.splitlines()):
+        parts = "".join(f"<Q{i}>{value}</Q{i}>" for i, value in enumerate(q))
+        rows += f"<Quaternion><Q_TIME>2008-03-04T12:31:{t}</Q_TIME><Q_STATUS>3</Q_STATUS>{parts}</Quaternion>"
+    looks = "".join(
+        f"<Look_Angles><PSI_X>{x}</PSI_X><PSI_Y>{y}</PSI_Y></Look_Angles>"
+        for x, y in (("3.4977750140e-01", "-7.1371362400e-02"), ("3.4977749200e-01", "-7.1359536900e-02"))
+    )
+    latitude, longitude = HRS_TIE_POINT_DEG
+    return f"""<Dimap_Document><Dataset_Id><DATASET_NAME>HRS</DATASET_NAME></Dataset_Id>
+<Geoposition><Geoposition_Points><Tie_Point><TIE_POINT_CRS_X>{longitude}</TIE_POINT_CRS_X>
+<TIE_POINT_CRS_Y>{latitude}</TIE_POINT_CRS_Y><TIE_POINT_CRS_Z>0.0</TIE_POINT_CRS_Z>
+<TIE_POINT_DATA_X>1.0</TIE_POINT_DATA_X><TIE_POINT_DATA_Y>1.0</TIE_POINT_DATA_Y></Tie_Point>
+<Tie_Point><TIE_POINT_CRS_X>-71.9</TIE_POINT_CRS_X><TIE_POINT_CRS_Y>-77.4</TIE_POINT_CRS_Y>
+<TIE_POINT_CRS_Z>0.0</TIE_POINT_CRS_Z><TIE_POINT_DATA_X>12000</TIE_POINT_DATA_X><TIE_POINT_DATA_Y>1</TIE_POINT_DATA_Y>
+</Tie_Point></Geoposition_Points></Geoposition>
+<Raster_Dimensions><NCOLS>2</NCOLS><NROWS>3000</NROWS></Raster_Dimensions>
+<Data_Processing><PROCESSING_LEVEL>1A</PROCESSING_LEVEL></Data_Processing>
+<Data_Strip><Ephemeris><Points>{points}</Points></Ephemeris><Satellite_Attitudes><Raw_Attitudes>
+<Star_Tracker_Attitude><Quaternion_List>{rows}</Quaternion_List></Star_Tracker_Attitude></Raw_Attitudes>
+<Corrected_Attitudes><Corrected_Attitude>{angles}</Corrected_Attitude></Corrected_Attitudes></Satellite_Attitudes>
+<Sensor_Configuration><Time_Stamp><LINE_PERIOD>7.5199705115e-04</LINE_PERIOD>
+<SCENE_CENTER_TIME>2008-03-04T12:31:39.349737</SCENE_CENTER_TIME><SCENE_CENTER_LINE>48085</SCENE_CENTER_LINE></Time_Stamp>
+<Instrument_Look_Angles_List><Instrument_Look_Angles><Look_Angles_List>{looks}</Look_Angles_List>
+</Instrument_Look_Angles></Instrument_Look_Angles_List></Sensor_Configuration></Data_Strip></Dimap_Document>"""
+
+
+def test_a_real_segment_of_spot_5_is_where_its_vendor_has_it(tmp_path: Path) -> None:
+    """Row 1 is 16 ms before the first attitude: the straight line through two later rows leads there to 0.1 m."""
+    product = read_dimap(_written(tmp_path, _hrs()))
+    campaign = product.campaign(1.0, 1.0)
+    rows = np.array([22.0, 40.0])
+    first, later = locate(campaign, product.C_EK, np.zeros(2, dtype=np.int64), [0.0, 0.0], rows, 0.0)
+    assert product.corners is not None
+    assert product.corners.column_px.tolist() == [0.0]
+    place = first - rows[0] * (later - first) / (rows[1] - rows[0])
+    assert np.linalg.norm(place - product.corners.r_J[0]) < 0.1
+
+
+def test_the_star_tracker_of_a_real_segment_agrees_with_its_vendor(tmp_path: Path) -> None:
+    product = read_dimap(_written(tmp_path, _hrs()), "raw")
+    assert product.frame == "GCRF"
+    assert "taken as those of GCRF, in which they agree" in product.notices[-1]
+    assert float(product.notices[-1].split(" to ")[-1].split()[0]) < 0.3

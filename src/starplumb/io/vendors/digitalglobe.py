@@ -34,6 +34,7 @@ class _Parts:
     att: Node
     eph: Node
     geo: Node | None
+    til: Node | None
     rpb: Node | None
 
 
@@ -61,7 +62,7 @@ def read_digitalglobe(path: Path, optics: Optics | None = None, band: str | None
     parts = _parts(path)
     times = timing(parts.imd)
     padded = times.rows < parts.imd.need("numRows").whole(2)
-    columns, said = true_columns(parts.imd, parts.rpb, padded)
+    columns, said = true_columns(parts.imd, parts.til, parts.rpb, padded)
     orbit = _samples(parts.eph, "ephemList", 6, 3)
     attitude = _samples(parts.att, "attList", 4, 4)
     _require_unit(parts.att, attitude.values)
@@ -101,9 +102,8 @@ def read_digitalglobe(path: Path, optics: Optics | None = None, band: str | None
 def _parts(path: Path) -> _Parts:
     if path.suffix.lower() not in DIGITALGLOBE:
         root = read_xml(path)
-        return _Parts(
-            root.need("IMD"), root.need("ATT"), root.need("EPH"), root.find("GEO"), root.find("RPB")
-        )
+        main = (root.need(key) for key in ("IMD", "ATT", "EPH"))
+        return _Parts(*main, *(root.find(key) for key in ("GEO", "TIL", "RPB")))
     beside = {file.suffix.lower(): file for file in path.parent.glob(f"{_literal(path.stem)}.*")}
     missing = [suffix.upper() for suffix in (".imd", ".att", ".eph") if suffix not in beside]
     if missing:
@@ -111,8 +111,8 @@ def _parts(path: Path) -> _Parts:
             f"{path}: found no {', '.join(missing)} of that name beside it, wanted .IMD, .ATT and .EPH"
         )
     imd, att, eph = (read_pvl(beside[suffix]) for suffix in (".imd", ".att", ".eph"))
-    geo, rpb = (read_pvl(beside[suffix]) if suffix in beside else None for suffix in (".geo", ".rpb"))
-    return _Parts(imd, att, eph, geo, rpb)
+    others = (read_pvl(beside[suffix]) if suffix in beside else None for suffix in (".geo", ".til", ".rpb"))
+    return _Parts(imd, att, eph, *others)
 
 
 def _literal(name: str) -> str:

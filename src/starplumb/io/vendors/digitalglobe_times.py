@@ -137,20 +137,27 @@ def _rows(imd: Node, stated: int, dated: float) -> tuple[int, tuple[str, ...]]:
     )
 
 
-def true_columns(imd: Node, rpc: Node | None, padded: bool) -> tuple[int, tuple[str, ...]]:
-    """The columns of the image, by the middle of the rational model where the stated number is ``padded`` too."""
+def true_columns(
+    imd: Node, tiles: Node | None, rpc: Node | None, padded: bool
+) -> tuple[int, tuple[str, ...]]:
+    """The columns of the image where the stated number is ``padded`` too: those of its only tile, or by the rational
+    model, whose middle is the half of the last column, cut to a whole number."""
     node = imd.need("numColumns")
     stated = node.whole(2)
     if not padded or stated % _BLOCK:
         return stated, ()
+    one = tiles is not None and (tiles.find("numTiles") or tiles).text == "1"
+    size = tiles.find("tileSizeX") if tiles is not None and one else None
     middle = rpc.find("IMAGE/sampOffset") if rpc is not None else None
-    if middle is None:
-        said = f"{imd.path}: numColumns, {stated}, may be padded to blocks too, and no RPB tells: corners may be wrong"
-        return stated, (said,)
-    columns = round(2.0 * middle.number()) + 1
+    if size is not None:
+        columns, source = size.whole(2), "TIL"
+    elif middle is not None:
+        last = 2.0 * middle.number()
+        columns, source = round(last) + (2 if last % 2.0 == 0.0 else 1), "RPB"
+    else:
+        said = f"{imd.path}: numColumns, {stated}, may be padded to blocks too, and no TIL or RPB tells"
+        return stated, (f"{said}: corners may be wrong",)
     if not 0 <= stated - columns < _LARGEST_BLOCK:
         return stated, ()
-    said = (
-        f"{imd.path}: numColumns, {stated}, is padded to blocks; by the middle of the RPB there are {columns}"
-    )
+    said = f"{imd.path}: numColumns, {stated}, is padded to blocks; by the {source} there are {columns}"
     return columns, (said,)

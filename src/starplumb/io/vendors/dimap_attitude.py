@@ -62,10 +62,14 @@ def _nearest_day(offset: Node, start_ns: int, end_ns: int) -> int:
 
 
 def quaternion_list(parent: Node, frame: Literal["GCRF", "ITRF"], scale: str, time: str) -> AttitudeSamples:
-    """Quaternions from the vendor's frame to ``frame``; those not NOMINAL are left out, with a notice."""
+    """Quaternions from the vendor's frame to ``frame``; those not NOMINAL (or numbered) are left out, with a notice."""
     nodes = parent.all("Quaternion")
     status = [node.find("Q_STATUS") for node in nodes]
-    kept = [node for node, word in zip(nodes, status, strict=True) if word is None or word.text == "NOMINAL"]
+    kept = [
+        node
+        for node, word in zip(nodes, status, strict=True)
+        if word is None or word.text == "NOMINAL" or word.text.isdecimal()
+    ]
     if len(kept) < 2:
         raise parent.error(f"{len(kept)} usable quaternions", "at least two")
     t_ns = np.array([node.need(time).epoch(scale) for node in kept])

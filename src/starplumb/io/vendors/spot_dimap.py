@@ -21,7 +21,7 @@ from ...physics.series import Ephemeris
 from ..text.files import show
 from ..text.tree import Array, Epochs, Node, require_increasing
 from .dimap_attitude import AttitudeSamples
-from .dimap_frame import corners_of
+from .dimap_frame import corners_of, tie_points
 from .spot_tracker import star_tracker
 from .vendor import C_KV, AttitudeChoice, Detectors, Product
 
@@ -79,8 +79,9 @@ def read_spot(root: Node, attitude: AttitudeChoice, band: str | None) -> Product
         q_EF=chosen.q_EF,
         frame=chosen.frame,
         C_EK=C_KV.mT,
+        own_mounting=attitude == "vendor",
         corrections=Corrections(light_time=False, aberration=False, refraction=False),
-        corners=corners_of(root.find("Dataset_Frame"), "FRAME_"),
+        corners=tie_points(root, columns, rows) or corners_of(root.find("Dataset_Frame"), "FRAME_"),
         notices=(*said, *chosen.notices),
     )
 

@@ -35,7 +35,8 @@ def star_tracker(root: Node, attitudes: str, vendor: AttitudeSamples) -> Attitud
     listed = root.need(attitudes).below("Quaternion_List")
     if not listed:
         raise root.error("no quaternions of a star tracker", 'attitude "vendor", which every product has')
-    samples = quaternion_list(listed[0], "GCRF", "UTC", "TIME")
+    time = "TIME" if listed[0].find("Quaternion/TIME") is not None else "Q_TIME"
+    samples = quaternion_list(listed[0], "GCRF", "UTC", time)
     own = Attitude(vendor.t_ns, vendor.q_EF, "ITRF")
     common = own.bursts.covers(samples.t_ns)
     if np.count_nonzero(common) < 2:
