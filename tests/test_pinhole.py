@@ -87,31 +87,64 @@ def test_the_lens_is_that_of_opencv(tmp_path):
 SKYSAT = "1259344359.55622339_sc00104_c2_PAN"
 
 
-def skysat(tmp_path, name=SKYSAT, **changes):
-    """Its three matrices: pixels of 6.5 um behind 3.6 m, world to camera."""
-    extrinsic = np.eye(4)
-    extrinsic[:3, :3] = R.inv().as_matrix()
-    extrinsic[:3, 3] = -R.inv().apply(C)
+TO_CAMERA = Rotation.from_euler("xz", [180.0, 90.0], degrees=True)
+"""From the body's axes to the camera's."""
+
+
+def skysat(tmp_path, name=SKYSAT, up=False, mirrored=False, place=C, **changes):
+    """As Planet writes them: negative focal lengths of 3.6 m in pixels of 6.5 um; z to the ground, or ``up``."""
+    f = 3.6 / 6.5e-6
+    turned = Rotation.from_euler("z" if not up else "x", 180.0, degrees=True) * R.inv()  # x, y of the camera
+    body = TO_CAMERA.inv() * turned
+    camera = np.array([[-f, 0.0, 14.5, 0.0], [0.0, -f, 9.75, 0.0], [0.0, 0.0, 1.0, 0.0]])
+    if up:
+        camera[1, 1] = f  # x, -y, -z of ours: u = -f x / z, v = f y / z
+    if mirrored:
+        camera[0, 0] *= -1.0
+    intrinsic, extrinsic = np.eye(4), np.eye(4)
+    intrinsic[:3, :3] = TO_CAMERA.as_matrix()
+    extrinsic[:3, :3] = body.as_matrix()
+    extrinsic[:3, 3] = -body.apply(place)
     document = {
-        "P_camera": [[1 / 6.5e-6, 0.0, 14.5], [0.0, 1 / 6.5e-6, 9.75], [0.0, 0.0, 1.0]],
-        "P_intrinsic": [[3.6, 0.0, 0.0, 0.0], [0.0, 3.6, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]],
+        "P_camera": camera.tolist(),
         "P_extrinsic": extrinsic.tolist(),
+        "P_intrinsic": intrinsic.tolist(),
+        "P_projective": (camera @ intrinsic @ extrinsic).tolist(),
+        "exterior_orientation": {
+            f"{axis}_ecef_meters": x for axis, x in zip("xyz", place.tolist(), strict=True)
+        },
     } | changes
     (tmp_path / f"{name}_pinhole.json").write_text(json.dumps(document))
     image(tmp_path, f"{name}.tif")
     return tmp_path / f"{name}_pinhole.json"
 
 
-def test_the_matrices_of_skysat_project_a_place_to_its_pixel(tmp_path):
-    path = skysat(tmp_path)
-    document = {key: np.array(value) for key, value in json.loads(path.read_text()).items()}
-    pixel = document["P_camera"] @ document["P_intrinsic"] @ document["P_extrinsic"] @ np.append(X, 1.0)
+@pytest.mark.parametrize("up", [False, True])
+def test_the_matrices_of_skysat_project_a_place_to_its_pixel(tmp_path, up):
+    path = skysat(tmp_path, up=up)
+    document = json.loads(path.read_text())
+    names = ("P_camera", "P_intrinsic", "P_extrinsic")
+    camera, intrinsic, extrinsic = (np.array(document[name]) for name in names)
+    pixel = camera @ intrinsic @ extrinsic @ np.append(X, 1.0)
     product = read_product(path)
     np.testing.assert_allclose(seen(product, X), pixel[:2] / pixel[2], rtol=1e-9)
-    # 1259344359 s of GPS are 14575 days and 64359 s after 1980-01-06, 18 s ahead of UTC
-    assert format_iso(np.array([product.t_ns]), "UTC", 6) == ["2019-12-02T17:52:21.556223"]
-    assert product.name == "1259344359.55622339_sc00104_c2_PAN"
+    np.testing.assert_allclose(product.r_J[0], C, atol=1e-6)
+    assert product.C_EK[2, 2] == 1.0
+    assert product.name == SKYSAT
     assert (product.columns, product.rows, product.notices) == (30, 20, ())
+
+
+@pytest.mark.parametrize(
+    ("name", "utc"),
+    [
+        (SKYSAT, "2019-12-02T17:52:21.556223"),
+        # published beside each other: the image and its delivery, s4_20181107T175036Z_video
+        ("1225648254.44006968_sc00004_c1_PAN", "2018-11-07T17:50:36.440070"),
+    ],
+)
+def test_the_name_says_the_time_in_seconds_of_gps(tmp_path, name, utc):
+    product = read_product(skysat(tmp_path, name=name))
+    assert format_iso(np.array([product.t_ns]), "UTC", 6) == [utc]
 
 
 def test_import_makes_a_campaign(tmp_path):
@@ -134,14 +167,12 @@ def test_frames_of_one_camera_are_one_campaign(tmp_path, make):
     for k in range(3):
         folder = tmp_path / str(k)
         folder.mkdir()
-        first = make(folder)
-        name = f"frame_{k}" if make is tsai else f"125934435{9 + k}.5_sc00104_c2_PAN"
-        path = first.rename(folder / first.name.replace("shot" if make is tsai else SKYSAT, name))
-        text = path.read_text()
-        place = repr(float(C[0])) if make is tsai else repr(float(-R.inv().apply(C)[0]))
-        assert place in text
-        path.write_text(text.replace(place, repr(float(place) + 1000.0 * k)))
-        image(folder, f"{name}.tif")
+        place = C + 1000.0 * k * np.array([1.0, 0.0, 0.0])
+        if make is tsai:
+            path = tsai(folder, C=" ".join(map(repr, place.tolist()))).rename(folder / f"frame_{k}.tsai")
+            image(folder, f"frame_{k}.tif")
+        else:
+            path = skysat(folder, name=f"125934435{9 + k}.5_sc00104_c2_PAN", place=place)
         paths.append(path)
     wanted = Wanted(sigma_m=3.0, sigma_arcsec=5.0)
     import_products(paths, tmp_path / "out", wanted)
@@ -165,9 +196,21 @@ def test_frames_of_one_camera_are_one_campaign(tmp_path, make):
         (lambda path: tsai(path, u_direction="0 1 0"), "wanted them in R instead"),
         (lambda path: tsai(path, pitch=0.0, fu="1", fv="1", cu="1", cv="1"), "pitch: found 0"),
         (lambda path: skysat(path, P_extrinsic=[[1.0]]), "P_extrinsic: found"),
+        (lambda path: skysat(path, mirrored=True), "found a matrix that is no rotation"),
+        (lambda path: skysat(path, P_camera=[[0.0] * 4] * 3), "P_camera: found"),
         (
-            lambda path: skysat(path, P_camera=[[1.0, 0.5, 1.0], [0.0, 1.0, 1.0], [0.0, 0.0, 1.0]]),
-            "without skew",
+            lambda path: skysat(path, P_camera=[[-5e5, 5e3, 14, 0], [0, -5e5, 9, 0], [0, 0, 1, 0]]),
+            "square pixels",
+        ),
+        (
+            lambda path: skysat(path, P_projective=[[1.0, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]]),
+            "P_projective: found",
+        ),
+        (
+            lambda path: skysat(
+                path, exterior_orientation={"x_ecef_meters": 7e6, "y_ecef_meters": 0, "z_ecef_meters": 0}
+            ),
+            "wanted the place that P_extrinsic has",
         ),
     ],
 )

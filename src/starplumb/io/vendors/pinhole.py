@@ -3,7 +3,7 @@
 A ``.tsai`` has the camera's place C in ITRF and the matrix R from its axes to the Earth's; a ``_pinhole.json`` the
 three matrices of ``pixel ~ P_camera P_intrinsic P_extrinsic (X, 1)``. Neither says how large the image is, and only a
 name may say when it was taken. Pixels count from the centre of the first, as the pipeline counts them. Source:
-StereoPipeline, "Frame camera models".
+StereoPipeline, "Frame camera models", and how its cam_gen reads Planet's files.
 """
 
 from __future__ import annotations
@@ -37,6 +37,10 @@ _GPS_ORIGIN_MJD = 44_244
 _APART_NS = 10**11
 _PLACES = 5_000_000
 """Times of images without one: so many, from 2000 to 2015."""
+_BELOW_M = 5e5
+_SAME_PX = 0.01
+_SAME_M = 1.0
+"""Of places that a file states twice, and of pixels of one so far below."""
 _RADIUS_M = (6.5e6, 5.0e7)
 
 
@@ -146,21 +150,45 @@ def _tsai(path: Path, text: str) -> _Pinhole:
 
 
 def _skysat(node: JsonNode) -> _Pinhole:
-    """The three matrices: pixels from the image plane, the image plane from the camera, the camera from ITRF."""
-    extrinsic = node.numbers("P_extrinsic", 4, 4)
-    whole = node.numbers("P_camera", 3, 3) @ node.numbers("P_intrinsic", 3, 4)
-    K = whole[:, :3] / whole[2, 2] if whole[2, 2] else whole[:, :3]
-    plain = np.abs(np.array([K[0, 1], K[1, 0], K[2, 0], K[2, 1], *whole[:, 3]])).max()
-    if not plain < 1e-9 * abs(K[0, 0]) or not np.array_equal(extrinsic[3], [0.0, 0.0, 0.0, 1.0]):
-        raise InputError(f"{node.path}: found matrices of another camera, wanted a pinhole without skew")
-    C_KJ = extrinsic[:3, :3]
-    return _Pinhole(
-        (float(K[0, 0]), float(K[1, 1])),
-        (float(K[0, 2]), float(K[1, 2])),
-        -C_KJ.mT @ extrinsic[:3, 3],
-        C_KJ,
-        Distortion(),
-    )
+    """The three matrices: pixels from the camera's axes, those from the body's, and those from ITRF.
+
+    Planet's focal lengths are negative, and which way its z points does not matter: our x and y are those along which
+    columns and rows grow, and our z points to the Earth. Where the file says the same twice, it must be the same.
+    """
+    P = node.numbers("P_camera", 3, 4) @ node.numbers("P_intrinsic", 4, 4) @ node.numbers("P_extrinsic", 4, 4)
+    if not np.linalg.matrix_rank(P[:, :3]) == 3:
+        raise node.error("P_camera", "a singular product with P_intrinsic and P_extrinsic", "a camera's")
+    K, R, t = _parts(P)
+    if t[2] < 0.0:  # the Earth's centre lies behind
+        K, R, t = _parts(-P)
+    pinhole = _Pinhole((K[0, 0], K[1, 1]), (K[0, 2], K[1, 2]), -R.T @ t, R, Distortion())
+    if not abs(K[0, 1]) < _SQUARE * K[0, 0]:
+        raise node.error(
+            "P_camera", f"rows and columns {K[0, 1] / K[0, 0]:.2g} off a right angle", "square pixels"
+        )
+    if node.has("exterior_orientation"):
+        stated = node.child("exterior_orientation")
+        place = np.array([stated.number(f"{axis}_ecef_meters") for axis in "xyz"])
+        if not np.linalg.norm(place - pinhole.r_J) < _SAME_M:
+            wanted = f"the place that P_extrinsic has, {show(pinhole.r_J.round(3).tolist())}"
+            raise node.error("exterior_orientation", place.tolist(), wanted)
+    if node.has("P_projective"):
+        place = np.append(pinhole.r_J + _BELOW_M * R[2], 1.0)
+        (u, v, w), (a, b, c) = P @ place, node.numbers("P_projective", 3, 4) @ place
+        if not (c and np.hypot(u / w - a / c, v / w - b / c) < _SAME_PX):
+            raise node.error("P_projective", "another camera", "the product of the other three")
+    return pinhole
+
+
+def _parts(P: Array) -> tuple[Array, Array, Array]:
+    """``P`` (3, 4) as a multiple of ``K (R, t)``: K triangular with a positive diagonal that ends with 1."""
+    r3 = P[2, :3] / np.linalg.norm(P[2, :3])
+    along = P[1, :3] - (P[1, :3] @ r3) * r3
+    r2 = along / np.linalg.norm(along)
+    along = P[0, :3] - (P[0, :3] @ r3) * r3 - (P[0, :3] @ r2) * r2
+    R = np.stack([along / np.linalg.norm(along), r2, r3])
+    K = P[:, :3] @ R.T / np.linalg.norm(P[2, :3])
+    return K, R, np.linalg.solve(K, P[:, 3] / np.linalg.norm(P[2, :3]))
 
 
 def _image(path: Path) -> Path:
