@@ -54,6 +54,7 @@ class Made:
     def arguments(self, called: str) -> dict[str, Any]:
         """Those that a function or method cannot do without."""
         needed = {
+            "predict": {"result": self.result, "at": "2026-03-20T10:00:00"},
             "locate": {"campaign": self.campaign, "image": "image01", "column": 1, "row": 1},
             "simulate": {"scenario": self.scenario, **QUICK},
             "budget": {"scenario": self.scenario},

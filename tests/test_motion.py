@@ -9,14 +9,20 @@ import pytest
 from scipy.stats import binomtest
 
 from problems import C_EK_TRUE, FRAME, UniformEarth, truth
+from starplumb.documents.from_calibration import result_document
+from starplumb.documents.prediction import predicted
+from starplumb.documents.result import ResultDocument
 from starplumb.estimators.gls import Gls
 from starplumb.judge.calibrate import calibrate
+from starplumb.judge.motion.asked import columns_asked
 from starplumb.judge.motion.averaging import averaged, structures
 from starplumb.judge.motion.directed import FOUND_P, directed_tests
+from starplumb.judge.motion.estimated import calibrate_moving
 from starplumb.judge.motion.regressors import Scales, When, families, harmonics, told_apart
 from starplumb.judge.motion.sums import ImageSums, image_sums
 from starplumb.judge.snooping import fit_at
 from starplumb.physics import so3
+from starplumb.physics.errors import ArgumentError
 from starplumb.physics.orbit import KeplerOrbit
 from starplumb.physics.timescales import parse
 from starplumb.physics.units import ARCSEC, DEG
@@ -265,3 +271,68 @@ def test_a_mounting_that_rests_is_said_to_within_what_would_be_found(rng):
     assert found.status.name == "OK"
     assert "no motion of the mounting is found; one over the span would be from" in found.message
     assert [test.name for test in found.moves.tests if test.p < FOUND_P] == []
+
+
+# A motion that is estimated -------------------------------------------------------------------------------------
+
+
+def document_of(calibration):
+    """``result.json`` of a calibration, read back."""
+    written = result_document(calibration, "gls", ("camera", "tracker"), {}, {})
+    return ResultDocument.from_json(ResultDocument.of(written).to_json(), "result.json")
+
+
+def test_an_estimated_drift_is_predicted_at_any_time_of_the_span(rng):
+    """40 arcsec in 15 minutes: at the ends and between the prediction is right, and 20 arcsec of a constant are not."""
+    campaign = moving(rng, 40.0)
+    found = calibrate_moving(campaign, Gls(), "auto")
+    assert found.status.name == "OK"
+    document = document_of(found)
+    assert document.motion.model.weights["linear"] > 0.9
+    for i, share in ((0, -0.5), (10, 10 / 29 - 0.5), (29, 0.5)):
+        at = predicted(document, int(campaign.images.t_ns[i]))
+        true = so3.exp(share * 40.0 * ARCSEC * np.ones(3)) @ C_EK_TRUE
+        error = so3.log(at.C_EK @ true.mT)
+        assert error @ np.linalg.solve(at.covariance_E, error) < 16.3  # 0.1 % of chi-square of three
+        assert np.all(np.abs(error) < 8.0 * ARCSEC)
+        assert at.outside_s == 0.0
+        assert at.notices == ()
+
+
+def test_the_error_of_a_prediction_grows_outside_the_span_and_is_said(rng):
+    """By hand: images evenly over the span leave of a steady change twelve times the variance of their mean, so that
+    one span later the variance is 1 + 12 times as large; a motion that is estimated grows by itself."""
+    campaign = moving(rng, 0.0)
+    rests = document_of(calibrate(campaign, Gls()))
+    first, last = int(campaign.images.t_ns[0]), int(campaign.images.t_ns[-1])
+    orbit_ns = 5700 * 10**9  # a span is at least an orbit
+    inside, outside = predicted(rests, first), predicted(rests, last + orbit_ns)
+    np.testing.assert_allclose(inside.covariance_E, ARCSEC**2 * np.array(rests.covariance_arcsec2))
+    ratio = np.diagonal(outside.covariance_E) / np.diagonal(inside.covariance_E)
+    np.testing.assert_allclose(ratio, 13.0, rtol=0.1)
+    assert "outside the span" in outside.notices[0]
+    drifts = document_of(calibrate_moving(campaign, Gls(), "linear"))
+    sigma = [np.sqrt(np.diagonal(predicted(drifts, t).covariance_E)) for t in (last, last + orbit_ns)]
+    assert np.all(sigma[1] > 3.0 * sigma[0])
+
+
+def test_what_drift_takes_is_checked_before_the_work():
+    assert columns_asked("orbit:1, linear") == ("orbit:1 cos", "orbit:1 sin", "linear")
+    assert columns_asked("auto") == ()
+    for wrong in ("orbit", "orbit:0", "spline", "linear:2", "step:noon", "temperature:"):
+        with pytest.raises(ArgumentError, match="drift: "):
+            columns_asked(wrong)
+
+
+def test_a_model_that_images_do_not_tell_is_refused(rng):
+    with pytest.raises(ArgumentError, match="30 images at these times do not tell that"):
+        calibrate_moving(moving(rng, 0.0), Gls(), "orbit:1")  # a quarter of an hour
+
+
+def test_the_turn_of_a_campaign_is_that_of_its_mounting(rng):
+    """A mounting turned in every image by the same rotation is a mounting turned by it."""
+    campaign = moving(rng, 0.0)
+    turn = np.array([30.0, -20.0, 50.0]) * ARCSEC
+    turned = calibrate(replace(campaign, turn_E=np.tile(turn, (30, 1))), Gls())
+    straight = calibrate(campaign, Gls())
+    np.testing.assert_allclose(so3.exp(turn) @ turned.C_EK, straight.C_EK, atol=1e-9)

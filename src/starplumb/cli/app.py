@@ -17,6 +17,7 @@ from .files.init import init
 from .files.points import points
 from .files.schema import schema
 from .locate import locate
+from .predict import predict
 from .project import project
 from .reproduce import reproduce
 from .simulate import simulate
@@ -46,7 +47,7 @@ def _options(
 
 
 for command in (
-    *(init, import_, check, calibrate, compare, diagnose, locate, project, points),
+    *(init, import_, check, calibrate, compare, diagnose, locate, project, predict, points),
     *(simulate, budget, reproduce, schema),
 ):
     # a negative number is no option

@@ -55,6 +55,14 @@ def calibrate(
             help="What is known: an earlier result, with its whole covariance.",
         ),
     ] = None,
+    drift: Annotated[
+        str,
+        typer.Option(
+            metavar="none|auto|MODEL,...",
+            help="How the mounting moves: none (only tested), auto (models averaged by evidence), or some "
+            "of orbit:K, linear, step:TIME, temperature:NAME.",
+        ),
+    ] = "none",
     out: Annotated[
         Path | None,
         typer.Option("--out", "-o", help="Folder of the results [default: `result` beside the campaign]."),
@@ -94,7 +102,7 @@ def calibrate(
     found = read_campaign(campaign, outside.value)
     try:
         chosen = "robust" if robust and method in ("default", "gls") else method
-        result = run(found, estimate or (), chosen, reach_deg, prior, start)
+        result = run(found, estimate or (), chosen, reach_deg, prior, start, drift)
     except NotIdentified as refused:
         speak.notices(found.notices)
         refused.save(out)

@@ -8,12 +8,21 @@ from typing import Annotated, Any
 from annotated_types import Len
 
 from ..judge.calibrate import Calibration
+from ..judge.motion.asked import NONE
+from ..judge.motion.averaging import Motion
 from ..judge.motion.found import Moves
 from ..physics.timescales import format_iso
 from ..physics.units import ARCSEC, DEG
 from ..table.phases import OrbitPhase
-from .document import Number, Numbers3, Part
+from .document import Matrix3, Number, Numbers3, Part
 from .numbers import numbers
+
+
+class Span(Part):
+    """First and last time of the images, UTC."""
+
+    first: str
+    last: str
 
 
 class MotionTest(Part):
@@ -26,9 +35,16 @@ class MotionTest(Part):
 
 
 class MotionModel(Part):
-    """A motion that was estimated: the mounting is ``exp(sum of coefficients times columns) matrix``."""
+    """A motion that was estimated: the mounting is ``exp(sum of coefficients times columns) matrix``.
+
+    The columns are ``mean``, 1; ``linear``, the time from the middle of ``span`` over its length; ``step:TIME``, -1/2
+    before and 1/2 after; ``orbit:K cos`` and ``sin`` of K times the argument of latitude; ``temperature:NAME``, counted
+    from the middle of ``temperatures_c`` over half their range. ``covariance_arcsec2`` is of all coefficients, column
+    after column; ``weights`` are those of the models in the average.
+    """
 
     asked: str
+    span: Span
     columns: list[str]
     coefficients_arcsec: list[Numbers3]
     covariance_arcsec2: list[list[float]]
@@ -38,10 +54,12 @@ class MotionModel(Part):
 
 class MotionPart(Part):
     """Tests of a mounting that moves; the amplitude that is found with 90 % probability, of a sine with the orbit
-    where that is tested, else of a change over the span; what --drift estimated."""
+    where that is tested, else of a change over the span; the covariance of a steady change over the span that the
+    images leave possible; what --drift estimated."""
 
     tests: list[MotionTest]
     detectable_arcsec: Number
+    unseen_drift_arcsec2: Matrix3 | None = None
     model: MotionModel | None
 
 
@@ -61,7 +79,7 @@ def motion_document(c: Calibration) -> dict[str, Any]:
 
 
 def _motion(found: Moves) -> dict[str, Any]:
-    lead = found.detectable
+    lead, unseen = found.detectable, found.unseen_E
     return {
         "tests": [
             {
@@ -73,7 +91,23 @@ def _motion(found: Moves) -> dict[str, Any]:
             for test in found.tests
         ],
         "detectable_arcsec": None if lead is None else numbers(lead / ARCSEC),
-        "model": None,
+        "unseen_drift_arcsec2": None if unseen is None else numbers(unseen / ARCSEC**2),
+        "model": None if found.asked == NONE or found.motion is None else _model(found.motion, found.asked),
+    }
+
+
+def _model(motion: Motion, asked: str) -> dict[str, Any]:
+    scales = motion.scales
+    first, last = format_iso([scales.first_ns, scales.last_ns], "UTC", 9)
+    ends = {name: [middle - half, middle + half] for name, (middle, half) in scales.temperatures.items()}
+    return {
+        "asked": asked,
+        "span": {"first": first, "last": last},
+        "columns": list(motion.names),
+        "coefficients_arcsec": numbers(motion.coefficients / ARCSEC),
+        "covariance_arcsec2": numbers(motion.covariance / ARCSEC**2),
+        "weights": dict(motion.weights),
+        "temperatures_c": ends,
     }
 
 

@@ -12,7 +12,7 @@ from ..estimators.protocol import Status
 from ..physics import so3
 from ..physics.units import ARCSEC
 from .document import Document, Matrix3, MatrixOrNulls3, Number, Numbers3, Part
-from .motion import MotionPart, OrbitPart
+from .motion import MotionPart, OrbitPart, Span
 
 ROTATION = 1e-6
 """A matrix farther from a rotation than this is refused."""
@@ -102,13 +102,6 @@ class Source(Part):
     ratio: Number
     ratio_interval_95: Annotated[list[float], Field(min_length=2, max_length=2)] | None
     p: Number
-
-
-class Span(Part):
-    """First and last time of the images, UTC."""
-
-    first: str
-    last: str
 
 
 class Parameter(Part):

@@ -43,8 +43,8 @@ Array = NDArray[np.float64]
 
 IMPROBABLE_P = 0.01
 """Probability of chi-square below which the message says what fits worst."""
-PRIOR = "what was known before"
-"""Name of what a prior contributes to a covariance."""
+PRIOR, MOTION = "what was known before", "motion of the mounting"
+"""Names of what a prior and an estimated motion contribute to a covariance."""
 UNTESTED = (
     "sightings, images and landmarks are not tested one by one: too many images share too many landmarks for the "
     "covariances of their residuals to be computed in reasonable time"
@@ -155,7 +155,7 @@ def calibrate(campaign: Campaign, estimator: Estimator, by_gls: Calibration | No
     found = [
         *contradictions(support, estimate, left),
         *(findings_of_sources(scatter, int(np.sum(support.counts[1] > 0))) if tested else ()),
-        *_moving(moving, estimate),
+        *_moving(campaign, moving, estimate),
         *(Finding(e.text, e.weakens, refutes=e.refuses, covariance_E=e.covariance_E) for e in evidence),
         *(Finding(c.sentence, c.growth >= UNKNOWN) for c in traded),
         *_consistent(support, estimate, again, snooping),
@@ -263,9 +263,9 @@ def _unmodelled(campaign: Campaign, fit: Fit, estimate: AlignmentEstimate) -> li
     return [] if found is None else [found]
 
 
-def _moving(moving: Moves | None, estimate: AlignmentEstimate) -> list[Finding]:
+def _moving(campaign: Campaign, moving: Moves | None, estimate: AlignmentEstimate) -> list[Finding]:
     """What is said of a mounting that moves."""
-    found = finding_of(moving, estimate.covariance_E)
+    found = finding_of(moving, estimate.covariance_E, taken_out=campaign.turn_E is not None)
     return [] if found is None else [found]
 
 
@@ -315,6 +315,8 @@ def shares(calibration: Calibration) -> Mapping[str, Array]:
     if c.snooping is None or c.estimate.covariance_E is None or not c.status.usable:
         return {}
     parts = c.snooping.spread.parts
+    if c.moves is not None and c.moves.further_E is not None:
+        parts[MOTION] = c.moves.further_E
     if _has_prior(c):
         values, axes = np.linalg.eigh(c.estimate.covariance_E - np.sum(list(parts.values()), axis=0))
         parts[PRIOR] = (axes * np.maximum(values, 0.0)) @ axes.mT

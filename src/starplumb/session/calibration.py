@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 from ..estimators import BEARS, METHODS, methods
 from ..estimators.protocol import Estimator
 from ..io.text.files import nearest
-from ..judge.calibrate import calibrate as run
+from ..judge.motion.asked import columns_asked
+from ..judge.motion.estimated import calibrate_moving as run
 from ..physics.errors import AlignmentFailed, ArgumentError
 from ..physics.units import DEG
 from ..table.campaign import Campaign as Physics
@@ -71,6 +72,7 @@ def calibrate(
     reach_deg: Reach = 2.0,
     prior: Result | str | Path | None = None,
     start: Starting = "closed-form",
+    drift: str = "none",
 ) -> Result:
     """Estimate the mounting of a campaign and judge the answer.
 
@@ -81,18 +83,22 @@ def calibrate(
     whole covariance.  Landmarks seen in both campaigns count twice, and the message names them; the sum of their
     ``normals.json`` has them once.
     ``start="model"`` has a method that starts somewhere do so at the model mounting, as published, in place of the
-    closed form.  Raises InputError where something asked for cannot be given, NotIdentified where no match is found.
+    closed form.  ``drift`` says how the mounting moves: ``"none"`` only tests it, ``"auto"`` averages models by their
+    evidence, or names, with commas between them, of ``orbit:K``, ``linear``, ``step:TIME`` and ``temperature:NAME``;
+    :func:`starplumb.predict` then gives the mounting at a time.  Raises InputError where something asked for cannot be
+    given, NotIdentified where no match is found.
     An answer that must not be used is returned like any other: look at ``status``, or call ``raise_if_unusable``.
     """
     name = method if isinstance(method, str) else type(method).__name__
     wanted = [estimate] if isinstance(estimate, str) else estimate
+    columns_asked(drift)  # before the work
     campaign.loaded.coverage.require()
     campaign, known = (campaign, None) if prior is None else with_prior(campaign, prior)
     estimator = estimator_of(method, wanted, campaign.loaded.campaign, start)
     found = identify(campaign, reach_deg)
     if found.labels is not None and found.labels.refusal:
         raise NotIdentified(campaign, found.labels, name)
-    done = run(found.campaign.loaded.campaign, estimator)
+    done = run(found.campaign.loaded.campaign, estimator, drift)
     return Result(found.campaign, done if known is None else known.told(done), name, found.labels)
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ..documents.prediction import predicted
 from ..documents.result import ResultDocument
 from ..estimators.protocol import Status
 from ..io.text.files import read_text
@@ -24,31 +25,36 @@ BESIDE = Path("result", "result.json")
 """Where ``starplumb calibrate`` leaves its result, beside the campaign."""
 NORMAL_95 = 1.959963985
 """Half-width of the 95 % interval of a normal distribution, in sigmas."""
+FIRST = 0
+"""The image at whose time an earlier mounting is taken as known before."""
 
 
 @dataclass(frozen=True)
 class Mounting:
     """A mounting to locate with: ``C_EK`` (3, 3), the covariance (3, 3) rad^2 of its error about E, None where that is
-    nowhere stated, and where it is from; ``notices`` are sentences that the user should see."""
+    nowhere stated, and where it is from; ``notices`` are sentences that the user should see.  ``turn_E`` (m, 3) rad is
+    how far it is turned at each image of the campaign, None where it rests."""
 
     C_EK: Array
     covariance_E: Array | None
     origin: str
     notices: tuple[str, ...] = ()
+    turn_E: Array | None = None
 
 
-def mounting_of(campaign: Campaign, result: Result | str | Path | None) -> Mounting:
+def mounting_of(campaign: Campaign, result: Result | str | Path | None, image: int | None = None) -> Mounting:
     """The mounting of a result or of a ``result.json``; ``"model"``: the campaign's model, with its prior where one is
     stated; None: that of the result beside the campaign, the model's where there is none that may be used.
 
-    Raises InputError where a result that was asked for cannot be used.
+    With an ``image`` of the campaign it is that of a result at the image's time: where it moves, or where the image
+    lies outside the span of those of the result.  Raises InputError where a result that was asked for cannot be used.
     """
     if isinstance(result, Result):
-        return _of_result(campaign, result)
+        return _of_result(campaign, result, image)
     if result is not None:
-        return _model(campaign) if str(result) == MODEL else _named(campaign, Path(result))
+        return _model(campaign) if str(result) == MODEL else _named(campaign, Path(result), image)
     path = None if campaign.path is None else campaign.path.parent / BESIDE
-    return _model(campaign) if path is None or not path.exists() else _beside(campaign, path)
+    return _model(campaign) if path is None or not path.exists() else _beside(campaign, path, image)
 
 
 def _model(campaign: Campaign, *notices: str) -> Mounting:
@@ -61,25 +67,30 @@ def _model(campaign: Campaign, *notices: str) -> Mounting:
 def known_before(campaign: Campaign, result: Result | str | Path) -> Mounting:
     """The mounting of an earlier result, as a prior.  Raises InputError where it cannot be used."""
     if isinstance(result, Result):
-        return _of_result(campaign, result)
-    return _of_document(_document(campaign, Path(result)), Path(result))
+        return _of_result(campaign, result, FIRST)
+    document = _document(campaign, Path(result))
+    return _at_image(campaign, document, _of_document(document, Path(result)), FIRST)
 
 
-def _of_result(campaign: Campaign, result: Result) -> Mounting:
+def _of_result(campaign: Campaign, result: Result, image: int | None) -> Mounting:
     result.raise_if_unusable()
     c, name = result.calibration, f"result, {result.method}"
     covariance, half = c.estimate.covariance_E, c.interval_95_E
     mounting = _stated(result.C_EK, covariance, half, c.status is Status.WEAK, name, "the result")
-    return replace(mounting, notices=_other_inputs(result.campaign.loaded.inputs, campaign, "the result"))
+    mounting = replace(mounting, notices=_other_inputs(result.campaign.loaded.inputs, campaign, "the result"))
+    return _at_image(campaign, ResultDocument.of(result.document), mounting, image)
 
 
-def _named(campaign: Campaign, path: Path) -> Mounting:
+def _named(campaign: Campaign, path: Path, image: int | None) -> Mounting:
     """That of a ``result.json`` asked for; inputs that differ are a notice."""
     document = _document(campaign, path)
-    return replace(_of_document(document, path), notices=_other_inputs(document.inputs, campaign, str(path)))
+    mounting = replace(
+        _of_document(document, path), notices=_other_inputs(document.inputs, campaign, str(path))
+    )
+    return _at_image(campaign, document, mounting, image)
 
 
-def _beside(campaign: Campaign, path: Path) -> Mounting:
+def _beside(campaign: Campaign, path: Path, image: int | None) -> Mounting:
     """That of the result beside the campaign, unless it must not be used or is not of these inputs."""
     try:
         document = _document(campaign, path)
@@ -92,7 +103,27 @@ def _beside(campaign: Campaign, path: Path) -> Mounting:
             f"{path}: not used, because {_listed(changed)} changed since; the mounting is the model's: "
             "calibrate again, or name this result (--result) to use it nevertheless",
         )
-    return mounting
+    return _at_image(campaign, document, mounting, image)
+
+
+def _at_image(
+    campaign: Campaign, document: ResultDocument, mounting: Mounting, image: int | None
+) -> Mounting:
+    """The mounting at the time of an image, where that is another than the result's, or of all images."""
+    images = campaign.loaded.campaign.images
+    if image is None:
+        turn = np.stack([predicted(document, int(t)).turn_E for t in images.t_ns])
+        return replace(mounting, turn_E=turn) if np.any(turn) else mounting
+    found = predicted(document, int(images.t_ns[image]))
+    if not np.any(found.turn_E) and found.outside_s == 0.0:
+        return mounting
+    return replace(
+        mounting,
+        C_EK=found.C_EK,
+        covariance_E=found.covariance_E,
+        origin=f"{mounting.origin}, at the image's time",
+        notices=(*mounting.notices, *found.notices),
+    )
 
 
 def _document(campaign: Campaign, path: Path) -> ResultDocument:

@@ -191,6 +191,7 @@ class Campaign:
     cov_attitude_E      (3, 3), (m, 3, 3)   of the attitude error an image's markers share, about E's axes, rad^2
     orientation                             of the Earth; needed where ``position_frame`` is inertial
     covariance_mounting (3, 3) or None      the whole covariance of that error, rad^2, in place of sigma_mounting
+    turn_E              (m, 3) or None      how far the mounting is turned at each image, rad: ``exp(turn) C_EK``
     known_from                              what states that prior knowledge, for messages
     attitude_errors                         what is stated of who shares an error of attitude
     position_errors                         the same of the position error
@@ -215,6 +216,7 @@ class Campaign:
     attitude_errors: SharedErrors = SharedErrors()
     position_errors: SharedErrors = SharedErrors()
     covariance_mounting: Array | None = None
+    turn_E: Array | None = None
     known_from: str = "mounting.sigma_arcsec"
     considered: tuple[tuple[str, float], ...] = ()
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..physics import so3
 from ..physics.earth import intersect_ellipsoid
 from ..physics.errors import EpochError, InputError
 from ..physics.light import Corrections, apparent_direction
@@ -38,6 +39,7 @@ class Stations:
 def stations(campaign: Campaign, image: Index, row_px: ArrayLike) -> Stations:
     """Attitude and orbit at the epochs of rows (n,) of images (n,): the image's own, plus row periods for a scanner.
 
+    Where the mounting moves the attitude is that of a tracker that moves with it, ``exp(-turn) C_EJ``, and C_EK rests.
     Raises EpochError naming the image, the epoch and the nearest sample.
     """
     images = campaign.images
@@ -51,7 +53,11 @@ def stations(campaign: Campaign, image: Index, row_px: ArrayLike) -> Stations:
     except EpochError as error:
         first = int(np.flatnonzero(back == error.row)[0])
         raise EpochError(f"{images.name}, image {images.ids[image[first]]!r}: {error}", first) from None
-    return Stations(C_EJ[back], omega_E[back], r_J[back], v_J[back], period)
+    C_EJ, omega_E = C_EJ[back], omega_E[back]
+    if campaign.turn_E is not None:
+        turn = so3.exp(-campaign.turn_E[image])
+        C_EJ, omega_E = turn @ C_EJ, (turn @ omega_E[..., None])[..., 0]
+    return Stations(C_EJ, omega_E, r_J[back], v_J[back], period)
 
 
 def position_covariance(campaign: Campaign) -> Array:

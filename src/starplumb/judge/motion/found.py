@@ -29,7 +29,8 @@ ROUND = 72
 @dataclass(frozen=True)
 class Moves:
     """What the images say of a mounting that moves: the ``tests``, the most likely motion first, and ``detectable``
-    rad, the amplitude that they would find; ``motion`` about the answer, where a test finds one."""
+    rad, the amplitude that they would find; ``motion`` about the answer, where a test finds one or it is ``asked`` for;
+    ``further_E`` (3, 3) rad^2 is what it adds to the answer's covariance."""
 
     sums: ImageSums
     when: When
@@ -37,6 +38,8 @@ class Moves:
     families: Mapping[str, tuple[tuple[str, ...], ...]]
     tests: tuple[DirectedTest, ...]
     motion: Motion | None = None
+    asked: str = "none"
+    further_E: Array | None = None
 
     @property
     def detectable(self) -> float | None:
@@ -48,9 +51,15 @@ class Moves:
         return self.tests[0] if self.tests and self.tests[0].p < FOUND_P else None
 
     @property
-    def variance(self) -> float:
-        """That of the errors of images over what is stated, where they surely are larger."""
-        return variance_of(self.tests)
+    def unseen_E(self) -> Array | None:
+        """Covariance (3, 3) rad^2 of a steady change over the span that the images leave possible; None where they
+        tell none."""
+        if LINEAR not in self.families:
+            return None
+        M, _ = self.sums.scaled(variance_of(self.tests)).equations(
+            self.scales.columns((MEAN, LINEAR), self.when)
+        )
+        return np.asarray(np.linalg.inv(M)[3:, 3:])
 
 
 def moves(campaign: Campaign, fit: Fit, where: Phases | None = None) -> Moves | None:
@@ -68,7 +77,7 @@ def moves(campaign: Campaign, fit: Fit, where: Phases | None = None) -> Moves | 
     found = Moves(sums, when, scales, tried, tests)
     if found.found is None:
         return found
-    motion = averaged(sums, when, scales, structures(tried), found.variance)
+    motion = averaged(sums, when, scales, structures(tried), variance_of(tests))
     return Moves(sums, when, scales, tried, tests, motion)
 
 
@@ -85,22 +94,26 @@ def variance_of(tests: tuple[DirectedTest, ...]) -> float:
     return least.between if chdtrc(least.freedom, least.between * least.freedom) < LARGER_P else 1.0
 
 
-def finding_of(found: Moves | None, covariance_E: Array | None) -> Finding | None:
+def finding_of(found: Moves | None, covariance_E: Array | None, *, taken_out: bool = False) -> Finding | None:
     """What to say of a motion that nobody asked to estimate, and from which size on one would be found; None where
-    nothing is tested."""
+    nothing is tested.  ``taken_out`` tells whether a motion is out of the attitudes already."""
     if found is None or found.detectable is None or covariance_E is None:
         return None
     if found.found is None or found.motion is None:
+        if taken_out:
+            return None
         sine = "with the orbit" if any(test.name == f"{ORBIT}:1" for test in found.tests) else "over the span"
         size = f"from {found.detectable / ARCSEC:.2g} arcsec on"
         return Finding(f"no motion of the mounting is found; one {sine} would be {size}", False)
     away = reach(found.motion, found.when)
     axis = int(np.argmax(away))
     stated = NORMAL_95 * np.sqrt(np.diagonal(covariance_E))
+    cure = "another --drift may estimate it" if taken_out else "--drift auto estimates the motion"
+    how = f"{'besides, ' if taken_out else ''}{described(found.found.columns)} ({probability(found.found.p)})"
     return Finding(
-        f"the mounting moves {described(found.found.columns)} ({probability(found.found.p)}): it comes to lie up to "
+        f"the mounting moves {how}: it comes to lie up to "
         f"{away[axis] / ARCSEC:.2g} arcsec about {'xyz'[axis]} from the answer, and the interval holds that; "
-        "--drift auto estimates the motion",
+        f"{cure}",
         True,
         reach_E=np.maximum(away - stated, 0.0),
     )

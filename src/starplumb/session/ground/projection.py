@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -172,7 +172,7 @@ def _projection(campaign: Campaign, mounting: Any, sites: Sites, image: str | No
     loaded = campaign.loaded
     spread = np.zeros((3, 3)) if mounting.covariance_E is None else mounting.covariance_E
     found = projected(
-        loaded.campaign,
+        replace(loaded.campaign, turn_E=mounting.turn_E),
         mounting.C_EK,
         spread,
         sites.r_J,

@@ -1,0 +1,51 @@
+"""``starplumb predict``: the mounting at a time."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from .output import Json, Output, Quiet, Verbose, drawn
+
+
+def predict(
+    result: Annotated[
+        Path, typer.Argument(help="A result.json, or the folder that holds it.", metavar="RESULT.json")
+    ],
+    at: Annotated[str, typer.Option("--at", metavar="TIME", help="The time, ISO 8601 in UTC.")],
+    temperature: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--temperature", metavar="NAME=DEG_C", help="A temperature that the mounting moves with."
+        ),
+    ] = None,
+    json: Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> None:
+    """The mounting at a time and the covariance of its error, from a result alone.
+
+    A mounting whose motion was estimated (calibrate --drift) moves; outside the span of the images the covariance
+    grows.
+
+    Examples:
+
+      starplumb predict demo/result/result.json --at 2026-03-20T10:00:00
+    """
+    from ..physics.errors import InputError
+    from ..session.motion.prediction import predict as run
+
+    given = {}
+    for text in temperature or ():
+        name, _, value = text.partition("=")
+        try:
+            given[name.strip()] = float(value)
+        except ValueError:
+            raise InputError(f"--temperature: found {text!r}, wanted NAME=DEG_C, as in lens=21.5") from None
+    speak = Output(json, quiet, verbose)
+    found = run(result, at, given)
+    speak.notices(found.notices)
+    speak.document(found.document)
+    speak.show(*map(drawn, found.tables), *found.answer)
