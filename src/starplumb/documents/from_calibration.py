@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from .. import __version__
 from ..estimators.protocol import ParameterVector, Status
 from ..judge.calibrate import Calibration, shares
+from ..judge.conventions.rests_on import RestsOn
 from ..judge.residuals import Accuracy, rms
 from ..judge.separability import known
 from ..physics import so3
@@ -59,6 +60,7 @@ def result_document(
         "covariance_arcsec2": None if covariance is None else numbers(covariance / ARCSEC**2),
         "interval_95_arcsec": None if interval is None else numbers(interval / ARCSEC),
         **_from_data(c),
+        "rests_on": [_rests_on(one) for one in c.rests_on],
         **motion_document(c),
         "span": _span(c),
         "orbit": orbit_document(where.orbit),
@@ -114,6 +116,17 @@ def _from_data(c: Calibration) -> dict[str, Any]:
             }
             for source in found.sources
         ],
+    }
+
+
+def _rests_on(one: RestsOn) -> dict[str, Any]:
+    """A number that was not estimated, from where it matters to each axis, and the sigmas if it is estimated."""
+    return {
+        "what": one.of.words,
+        "estimate": one.of.key,
+        "unit": one.of.unit,
+        "matters_from": numbers(one.matters),
+        "sigma_if_estimated_arcsec": numbers(one.sigma_E / ARCSEC),
     }
 
 

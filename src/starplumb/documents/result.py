@@ -156,6 +156,17 @@ class Landmark(Part):
     rms_own_px: Number
 
 
+class RestsOn(Part):
+    """What the answer rests on that was not estimated: an error of it, in its unit, moves the answer about each axis by
+    a sigma from ``matters_from`` on; ``estimate`` is its name for ``--estimate``, null where it has none."""
+
+    what: str
+    estimate: str | None
+    unit: str
+    matters_from: Numbers3
+    sigma_if_estimated_arcsec: Numbers3
+
+
 def _known(status: str) -> str:
     names = [each.name.lower() for each in Status]
     if status not in names:
@@ -180,6 +191,7 @@ class ResultDocument(Document):
     degrees_of_freedom_from_data: Numbers3 | None = None
     jackknife_sigma_arcsec: Numbers3 | None = None
     sources: list[Source] | None = None
+    rests_on: list[RestsOn] | None = None
     motion: MotionPart | None = None
     span: Span | None = None
     orbit: OrbitPart | None = None

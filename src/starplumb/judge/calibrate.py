@@ -27,6 +27,7 @@ from .contradictions import (
     rival,
     worse_on_the_ground,
 )
+from .conventions.rests_on import RestsOn, finding_of_rests_on, rests_on
 from .files.evidence import Evidence
 from .files.findings import findings_of_files
 from .motion.found import Moves, finding_of, moves
@@ -79,6 +80,8 @@ class Calibration:
     """What the scatter of the images says of the answer and of each source of error."""
     moves: Moves | None = None
     """Whether and how the mounting moves."""
+    rests_on: tuple[RestsOn, ...] = ()
+    """What the answer rests on that was not estimated, the most urgent first."""
 
     @property
     def C_EK(self) -> Array:
@@ -152,6 +155,7 @@ def calibrate(campaign: Campaign, estimator: Estimator, by_gls: Calibration | No
     support = Support(campaign, observations, ~campaign.sightings.check, used)
     again = Gls(unknowns.parameters, compiled=unknowns.compiled)
     evidence = _evidence(campaign, observations, estimate, used)
+    rests = () if not tested or estimate.sigma_E is None else rests_on(campaign, fit, estimate.sigma_E)
     found = [
         *contradictions(support, estimate, left),
         *(findings_of_sources(scatter, int(np.sum(support.counts[1] > 0))) if tested else ()),
@@ -160,6 +164,7 @@ def calibrate(campaign: Campaign, estimator: Estimator, by_gls: Calibration | No
         *(Finding(c.sentence, c.growth >= UNKNOWN) for c in traded),
         *_consistent(support, estimate, again, snooping),
         *_unmodelled(campaign, fit, estimate),
+        *finding_of_rests_on(rests),
         *(Finding(sentence, False) for sentence in _remarks(estimate, untested=tested and snooping is None)),
     ]
     if own.usable and not tested:
@@ -182,6 +187,7 @@ def calibrate(campaign: Campaign, estimator: Estimator, by_gls: Calibration | No
         evidence=evidence,
         interval_95_E=_interval(estimate, scatter, found) if status.usable else None,
         from_data=scatter if status.usable else None,
+        rests_on=rests if status.usable else (),
         moves=moving if status.usable else None,
     )
 

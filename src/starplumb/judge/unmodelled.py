@@ -82,7 +82,7 @@ def better(campaign: Campaign, fit: Fit) -> Iterator[Better]:
     if not tried or np.any(fit.table.batch):
         return
     extra = tuple(parameter for mistake in tried for parameter in mistake.free)
-    solution = _wider(fit, extra).solve()
+    solution = wider(fit, extra).solve()
     N, b = solution.information, -(solution.information @ solution.x[:, None])[:, 0]
     first, count = 3 + len(fit.unknowns.names), len(tried)
     a = np.setdiff1d(np.arange(len(N)), np.arange(first, first + count))
@@ -95,7 +95,7 @@ def better(campaign: Campaign, fit: Fit) -> Iterator[Better]:
             yield Better(mistake, r * r / n, np.array([-r / n]), np.array([n**-0.5]), turn_E)
 
 
-def _wider(fit: Fit, extra: tuple[Parameter, ...]) -> Fit:
+def wider(fit: Fit, extra: tuple[Parameter, ...]) -> Fit:
     """The fit with further numbers at zero, of a sample where the table is large."""
     table = sample(fit.table) if sampled(fit.table) else fit.table
     unknowns = Unknowns((*fit.unknowns.parameters, *extra))
