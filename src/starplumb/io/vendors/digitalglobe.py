@@ -75,7 +75,7 @@ def read_digitalglobe(path: Path, optics: Optics | None = None, band: str | None
     image = parts.imd.need("IMAGE")
     product = Product(
         path=path,
-        name=path.stem if path.suffix.lower() in DIGITALGLOBE else image.need("catId").text,
+        name=_name(path, parts.imd),
         columns=columns,
         rows=times.rows,
         detectors=optics.detectors(columns),
@@ -97,6 +97,12 @@ def read_digitalglobe(path: Path, optics: Optics | None = None, band: str | None
     )
     product = product if parts.geo is None else mounted(product, parts.geo)
     return product if stated else told_by_corners(product, optics)
+
+
+def _name(path: Path, imd: Node) -> str:
+    """That of the text files, or the catalogue's of an XML file, where it has one."""
+    listed = imd.find("IMAGE/catId") or imd.find("productCatalogId")
+    return path.stem if path.suffix.lower() in DIGITALGLOBE or listed is None else listed.text
 
 
 def _parts(path: Path) -> _Parts:

@@ -15,7 +15,7 @@ from ...physics.earth import geodetic_to_itrf
 from ...physics.errors import InputError
 from ...physics.light import Corrections
 from ...physics.orientation import EarthOrientation
-from ...physics.series import Attitude, Ephemeris
+from ...physics.series import Attitude, Bursts, Ephemeris
 from ...physics.units import ARCSEC
 from ...table.campaign import Campaign, Images, Landmarks, Sightings
 from ...table.geometry import locate
@@ -156,13 +156,20 @@ class Product:
 
 
 def corners_missed(product: Product, campaign: Campaign) -> float:
-    """How far the product's model is from the worst of its corners, m; ``campaign`` is the product's own."""
+    """How far the product's model is from the worst of the corners whose rows its samples cover, m.
+
+    ``campaign`` is the product's own. Raises EpochError where they cover none of them.
+    """
     if product.corners is None:
         raise ValueError("the product has no corners")
-    corners = product.corners
-    image, height = np.zeros(len(corners.names), dtype=np.int64), np.nan_to_num(corners.height)
-    met = locate(campaign, product.C_EK, image, corners.column_px, corners.row_px, height)
-    return float(np.max(np.linalg.norm(met - corners.r_J, axis=-1)))
+    c = product.corners
+    image, height = np.zeros(len(c.names), dtype=np.int64), np.nan_to_num(c.height)
+    t_ns = campaign.images.exposed(image, c.row_px)
+    orbit, attitude = Bursts(product.orbit_t_ns), Bursts(product.attitude_t_ns)
+    covered = orbit.covers(t_ns) & attitude.covers(t_ns)
+    chosen = covered if covered.any() else np.ones_like(covered)
+    met = locate(campaign, product.C_EK, image[chosen], c.column_px[chosen], c.row_px[chosen], height[chosen])
+    return float(np.max(np.linalg.norm(met - c.r_J[chosen], axis=-1)))
 
 
 def _three(name: str, sigma: Sigma) -> Array:
