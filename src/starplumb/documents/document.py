@@ -28,7 +28,7 @@ class Part(BaseModel):
     """A part of a document.  Keys that it does not know are kept: later versions may add some."""
 
     model_config = ConfigDict(
-        frozen=True, extra="allow", allow_inf_nan=False, validate_by_name=True, strict=True
+        frozen=True, extra="allow", allow_inf_nan=False, validate_by_name=True, strict=True, defer_build=True
     )
 
 

@@ -26,7 +26,7 @@ class Section(BaseModel):
     ``description`` of a field says what is wanted of it, and is what a user reads when the key is missing.
     """
 
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, defer_build=True)
 
     @classmethod
     def rules(cls, given: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
