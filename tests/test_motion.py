@@ -8,11 +8,14 @@ import numpy as np
 import pytest
 from scipy.stats import binomtest
 
+import starplumb as sp
 from problems import C_EK_TRUE, FRAME, UniformEarth, truth
 from starplumb.documents.from_calibration import result_document
 from starplumb.documents.prediction import predicted
 from starplumb.documents.result import ResultDocument
 from starplumb.estimators.gls import Gls
+from starplumb.io.campaign.marks.images import read_images
+from starplumb.io.tables.declared import Declared
 from starplumb.judge.calibrate import calibrate
 from starplumb.judge.motion.asked import columns_asked
 from starplumb.judge.motion.averaging import averaged, structures
@@ -22,7 +25,7 @@ from starplumb.judge.motion.regressors import Scales, When, families, harmonics,
 from starplumb.judge.motion.sums import ImageSums, image_sums
 from starplumb.judge.snooping import fit_at
 from starplumb.physics import so3
-from starplumb.physics.errors import ArgumentError
+from starplumb.physics.errors import ArgumentError, InputError
 from starplumb.physics.orbit import KeplerOrbit
 from starplumb.physics.timescales import parse
 from starplumb.physics.units import ARCSEC, DEG
@@ -314,6 +317,53 @@ def test_the_error_of_a_prediction_grows_outside_the_span_and_is_said(rng):
     drifts = document_of(calibrate_moving(campaign, Gls(), "linear"))
     sigma = [np.sqrt(np.diagonal(predicted(drifts, t).covariance_E)) for t in (last, last + orbit_ns)]
     assert np.all(sigma[1] > 3.0 * sigma[0])
+
+
+def test_a_temperature_is_found_by_its_name_and_predicted_from_it(rng):
+    """Thirty images whose mounting turns by 80 arcsec about y between 10 and 20 degrees."""
+    true = truth(FRAME, 30, 10, tilt_deg=15.0, yaw_deg=60.0)
+    lens = np.concatenate([[10.0, 20.0], rng.uniform(10.0, 20.0, 28)])
+    away = 40.0 * ARCSEC * (lens[:, None] - 15.0) / 5.0 * np.array([0.0, 1.0, 0.0])
+    e = Errors.draw(observe(true), rng)
+    measured = scene.measured(true, replace(e, alpha_E=e.alpha_E + away), C_EK_TRUE)
+    measured = replace(measured, images=replace(measured.images, temperatures={"lens": lens}))
+    found = calibrate_moving(measured, Gls(), "temperature:lens")
+    assert found.moves.tests[0].name == "temperature:lens"
+    document = document_of(found)
+    t_ns = int(measured.images.t_ns[7])
+    hot, cold = (predicted(document, t_ns, None, {"lens": c}) for c in (20.0, 10.0))
+    swing = so3.log(hot.C_EK @ cold.C_EK.mT) / ARCSEC
+    sigma = 2.0 * np.sqrt(np.diagonal(found.moves.motion.covariance)[3:6]) / ARCSEC
+    assert np.all(np.abs(swing - [0.0, 80.0, 0.0]) < 3.5 * sigma)
+    unknown = predicted(document, t_ns)
+    assert "the temperature lens is not given" in unknown.notices[0]
+    # uniform over 80 arcsec it would have 23 arcsec
+    assert 18.0 < np.sqrt(unknown.covariance_E[1, 1]) / ARCSEC < 28.0
+
+
+def test_temperatures_of_images_are_columns_by_name(tmp_path):
+    (tmp_path / "images.csv").write_text(
+        "image_id,time,temperature_lens_c,t2,humidity\na,2026-01-01T00:00:00,21.5,3,1\nb,2026-01-01T00:01:00,-4,4,2\n"
+    )
+    notices = []
+    declared = Declared("images", columns={"temperature_bench_c": "t2"})
+    images = read_images(tmp_path / "images.csv", "UTC", False, notices, declared)
+    assert {name: x.tolist() for name, x in images.temperatures.items()} == {
+        "lens": [21.5, -4.0],
+        "bench": [3.0, 4.0],
+    }
+    assert "ignored the column humidity" in notices[0]
+    (tmp_path / "images.csv").write_text("image_id,time,temperature_lens_c\na,2026-01-01T00:00:00,-300\n")
+    with pytest.raises(InputError, match="temperature_lens_c: found -300"):
+        read_images(tmp_path / "images.csv", "UTC", False, notices)
+
+
+def test_a_budget_states_what_motion_would_be_found():
+    """Of one pass no harmonic is told: a drift over the span leads, in the document and in words."""
+    scenario = sp.scenario("vhr-0.3m")
+    found = sp.budget(scenario).document["motion"]
+    assert found["tests"]["linear"] == found["detectable_arcsec"]
+    assert found["in_words"] == f"one over the span would be from {found['detectable_arcsec']:.2g} arcsec on"
 
 
 def test_what_drift_takes_is_checked_before_the_work():

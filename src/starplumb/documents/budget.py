@@ -41,6 +41,14 @@ class TargetPart(Part):
     in_words: list[str]
 
 
+class DetectableMotion(Part):
+    """Amplitudes of a mounting that moves which tests of the images find with 90 % probability."""
+
+    detectable_arcsec: Number
+    tests: dict[str, Number]
+    in_words: str
+
+
 class BudgetDocument(Document):
     """``budget.json``."""
 
@@ -51,5 +59,6 @@ class BudgetDocument(Document):
     sightings: int
     stated_model_is_true: bool
     methods: dict[str, MethodBudget]
+    motion: DetectableMotion | None = None
     left_out: list[str]
     target: TargetPart | None

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..documents.prediction import predicted
+from ..documents.prediction import Prediction, predicted
 from ..documents.result import ResultDocument
 from ..estimators.protocol import Status
 from ..io.text.files import read_text
@@ -111,10 +111,16 @@ def _at_image(
 ) -> Mounting:
     """The mounting at the time of an image, where that is another than the result's, or of all images."""
     images = campaign.loaded.campaign.images
+
+    def at(i: int) -> Prediction:
+        return predicted(
+            document, int(images.t_ns[i]), None, {n: float(x[i]) for n, x in images.temperatures.items()}
+        )
+
     if image is None:
-        turn = np.stack([predicted(document, int(t)).turn_E for t in images.t_ns])
+        turn = np.stack([at(i).turn_E for i in range(images.t_ns.size)])
         return replace(mounting, turn_E=turn) if np.any(turn) else mounting
-    found = predicted(document, int(images.t_ns[image]))
+    found = at(image)
     if not np.any(found.turn_E) and found.outside_s == 0.0:
         return mounting
     return replace(

@@ -3,8 +3,8 @@ files."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -82,7 +82,8 @@ class Images:
     follow one another by ``line_period_s`` (m,) (None for a frame).  ``tracker`` (m,) names the star
     tracker each attitude is from, ``passes`` and ``sessions`` (m,) the pass and session of each image, None where they
     are not distinguished; ``sigma_time_s`` (m,) is the sigma of each image's own error of time; ``row_times`` (m,) are
-    the times of the rows of images whose rows are uneven, None for each other one."""
+    the times of the rows of images whose rows are uneven, None for each other one; ``temperatures`` (m,) deg C by name
+    are what the mounting may move with."""
 
     ids: tuple[str, ...]
     t_ns: Epochs
@@ -94,6 +95,7 @@ class Images:
     sessions: tuple[str, ...] | None = None
     sigma_time_s: Array | None = None
     row_times: tuple[RowTimes | None, ...] | None = None
+    temperatures: Mapping[str, Array] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         m = _distinct("image", self.ids)
@@ -104,6 +106,8 @@ class Images:
             _shape("line_period_s", self.line_period_s, (m,))
         if self.sigma_time_s is not None:
             _shape("sigma_time_s", self.sigma_time_s, (m,))
+        for name, values in self.temperatures.items():
+            _shape(f"temperature {name}", values, (m,))
         for name in ("tracker", "passes", "sessions", "row_times"):
             names = getattr(self, name)
             if names is not None and len(names) != m:

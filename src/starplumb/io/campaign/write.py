@@ -150,6 +150,7 @@ def _images(campaign: Campaign, scale: str) -> str:
             columns[name] = texts
     if images.sigma_time_s is not None:
         columns["sigma_time_s"] = images.sigma_time_s.tolist()
+    columns |= {f"temperature_{name}_c": values.tolist() for name, values in images.temperatures.items()}
     return csv_text(tuple(columns), tuple(columns.values()))
 
 

@@ -161,13 +161,17 @@ def read_table(
     optional_numbers: Sequence[str] = (),
     declared: Declared = UNDECLARED,
     may_be_empty: bool = False,
+    like: Sequence[str] = (),
 ) -> Table:
     """The columns asked for, by the names that are ``declared``; others are passed over with a notice.
+
+    Number columns ``like`` a pattern are taken where they are there.
 
     A file may be CSV (UTF-8, commas, any line ends; blank lines and leading ``#`` lines are passed over), Parquet or
     Arrow, which its content tells. Raises InputError naming the table and, where there are such, row and column.
     """
-    asked = Schema(texts, numbers, optional_texts, optional_numbers, may_be_empty=may_be_empty)
+    optional_numbers = [*optional_numbers, *(n for n in declared.columns if Schema(like=like).alike(n))]
+    asked = Schema(texts, numbers, optional_texts, optional_numbers, may_be_empty=may_be_empty, like=like)
     schema = declared.schema(asked, str(source))
     found = _columns(source, schema)
     ignored = schema.ignored(found.header)
@@ -182,6 +186,7 @@ def read_table(
         for name in (*numbers, *optional_numbers)
         if declared.name(name) in found.numbers
     }
+    by_ours |= {name: x for name, x in found.numbers.items() if schema.alike(name)}
     words = {
         name: found.texts[declared.name(name)]
         for name in (*texts, *optional_texts)

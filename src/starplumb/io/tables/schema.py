@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from fnmatch import fnmatchcase
 
 from ...physics.errors import InputError
 from ..text.files import nearest, show
@@ -23,7 +24,8 @@ class Schema:
 
     ``stamps`` are columns of times, text or numbers; ``keep`` has the values, one of several, that a row must have in
     some columns to be looked at; ``may_be_empty`` admits a header without rows; ``separator`` stands between the cells
-    of a text file, ``decimal`` before the decimals of its numbers.
+    of a text file, ``decimal`` before the decimals of its numbers; ``like`` are patterns of number columns that a table
+    may have, as in ``temperature_*_c``.
     """
 
     texts: Sequence[str] = ()
@@ -35,6 +37,7 @@ class Schema:
     may_be_empty: bool = False
     separator: str = ","
     decimal: str = "."
+    like: Sequence[str] = ()
 
     def texts_in(self, header: Sequence[str]) -> list[str]:
         """Text columns to read."""
@@ -48,7 +51,12 @@ class Schema:
 
     def numbers_in(self, header: Sequence[str]) -> list[str]:
         """Number columns to read."""
-        return [name for name in (*self.numbers, *self.optional_numbers) if name in header]
+        named = [name for name in (*self.numbers, *self.optional_numbers) if name in header]
+        return [*named, *(name for name in header if self.alike(name) and name not in named)]
+
+    def alike(self, name: str) -> bool:
+        """Whether a name is like those of number columns that a table may have."""
+        return any(fnmatchcase(name, pattern) for pattern in self.like)
 
     def ignored(self, header: Sequence[str]) -> list[str]:
         """Columns that are not used."""

@@ -83,7 +83,10 @@ def moves(campaign: Campaign, fit: Fit, where: Phases | None = None) -> Moves | 
 
 def when_of(campaign: Campaign, where: Phases, image: NDArray[np.int64]) -> When:
     """Of some images."""
-    return When(campaign.images.t_ns[image], where.u[image])
+    images = campaign.images
+    return When(
+        images.t_ns[image], where.u[image], {name: x[image] for name, x in images.temperatures.items()}
+    )
 
 
 def variance_of(tests: tuple[DirectedTest, ...]) -> float:
@@ -102,9 +105,7 @@ def finding_of(found: Moves | None, covariance_E: Array | None, *, taken_out: bo
     if found.found is None or found.motion is None:
         if taken_out:
             return None
-        sine = "with the orbit" if any(test.name == f"{ORBIT}:1" for test in found.tests) else "over the span"
-        size = f"from {found.detectable / ARCSEC:.2g} arcsec on"
-        return Finding(f"no motion of the mounting is found; one {sine} would be {size}", False)
+        return Finding(f"no motion of the mounting is found; {would_be_found(found)}", False)
     away = reach(found.motion, found.when)
     axis = int(np.argmax(away))
     stated = NORMAL_95 * np.sqrt(np.diagonal(covariance_E))
@@ -117,6 +118,13 @@ def finding_of(found: Moves | None, covariance_E: Array | None, *, taken_out: bo
         True,
         reach_E=np.maximum(away - stated, 0.0),
     )
+
+
+def would_be_found(found: Moves) -> str:
+    """From which size on a motion is found, in words."""
+    sine = any(test.name == f"{ORBIT}:1" for test in found.tests)
+    size = np.inf if found.detectable is None else found.detectable / ARCSEC
+    return f"one {'with the orbit' if sine else 'over the span'} would be from {size:.2g} arcsec on"
 
 
 def reach(motion: Motion, when: When) -> Array:

@@ -19,6 +19,9 @@ from ...text.files import show
 from .point_files import PointFiles
 from .row_times import read_row_times
 
+TEMPERATURE, DEG_C = "temperature_", "_c"
+"""Around the name of a temperature in its column's."""
+
 
 def read_images(
     source: TableSource,
@@ -40,6 +43,7 @@ def read_images(
         optional_texts=("tracker", "pass", "session", "row_times"),
         optional_numbers=("line_period_s", "sigma_time_s"),
         declared=declared,
+        like=(f"{TEMPERATURE}*{DEG_C}",),
     )
     notices += table.notices
     table.require_distinct("image_id", "each image once")
@@ -59,7 +63,18 @@ def read_images(
         names.get("session"),
         sigma_time_s,
         row_times,
+        _temperatures(table),
     )
+
+
+def _temperatures(table: Table) -> dict[str, NDArray[np.float64]]:
+    """Temperatures (m,), deg C, by what stands between ``temperature_`` and ``_c``."""
+    found = {}
+    for column, values in table.numbers.items():
+        if column.startswith(TEMPERATURE) and column.endswith(DEG_C):
+            table.require(values > -273.15, column, "a temperature in degrees Celsius")
+            found[column.removeprefix(TEMPERATURE).removesuffix(DEG_C)] = values
+    return found
 
 
 def _rows(
