@@ -13,7 +13,7 @@ from starplumb.estimators.gls import Gls
 from starplumb.estimators.protocol import Status
 from starplumb.estimators.robust import Robust
 from starplumb.judge.calibrate import calibrate
-from starplumb.judge.separability import combinations, flight_axes, known
+from starplumb.judge.parameters.separability import combinations, flight_axes, known
 from starplumb.physics import so3
 from starplumb.physics.camera import Distortion
 from starplumb.physics.errors import InputError

@@ -18,8 +18,7 @@ from starplumb.estimators.usable import _stated
 from starplumb.judge.calibrate import calibrate
 from starplumb.judge.compare import compare
 from starplumb.judge.consistency import _confirmed, findings
-from starplumb.judge.residuals import residuals
-from starplumb.judge.separability import (
+from starplumb.judge.parameters.separability import (
     Combination,
     combinations,
     flight_axes,
@@ -28,6 +27,7 @@ from starplumb.judge.separability import (
     ruins_alignment,
     without_gain,
 )
+from starplumb.judge.residuals import residuals
 from starplumb.physics import so3
 from starplumb.physics.units import ARCSEC
 from starplumb.plan import scene

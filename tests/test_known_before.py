@@ -11,7 +11,7 @@ from scipy import stats
 import starplumb as sp
 from problems import C_EK_TRUE, FRAME, truth
 from starplumb.estimators.protocol import AlignmentEstimate, ParameterVector
-from starplumb.judge.known_before import contradicted
+from starplumb.judge.parameters.known_before import contradicted
 from starplumb.physics import so3
 from starplumb.physics.units import ARCSEC, UM
 from starplumb.table.geometry import observe

@@ -23,6 +23,7 @@ from starplumb.judge.contradictions import (
     rival,
     worse_on_the_ground,
 )
+from starplumb.judge.parameters.separability import Combination, inseparable
 from starplumb.judge.residuals import Accuracy
 from starplumb.judge.scatter.from_data import ImageRotations, from_data, image_rotations
 from starplumb.judge.snooping import fit_at
@@ -342,3 +343,23 @@ def test_a_culprit_weighs_as_much_as_what_else_is_found(monkeypatch, found, weig
 def test_a_probability_below_the_smallest_number_is_not_zero():
     assert probability(2.06e-6) == "p = 2.1e-06"
     assert probability(0.0) == "p < 1e-300"
+
+
+@pytest.mark.parametrize(
+    ("growth", "members", "misfit", "weight"),
+    [
+        (31.0, (1, 4), 3.01, 2),
+        (31.0, (1, 4), 2.99, 1),
+        (31.0, (2, 3), 3.01, 2),
+        (31.0, (3, 4), 3.01, 1),
+        (29.0, (1, 4), 3.01, 0),
+    ],
+)
+def test_an_alignment_not_separated_from_a_parameter_is_anywhere_where_residuals_are_large(
+    growth, members, misfit, weight
+):
+    o = observe(truth(FRAME, 3, 4))
+    estimate = replace(Gls()(o, C_EK_TRUE), chi2=np.array(100 * misfit**2), degrees_of_freedom=np.array(100))
+    found = inseparable(Combination(members, ("the pitch", "the row"), growth), estimate)
+    assert found.weight == weight
+    assert ("nothing bounds" in found.sentence) is (weight == 2)

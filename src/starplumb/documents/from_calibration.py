@@ -12,8 +12,8 @@ from .. import __version__
 from ..estimators.protocol import ParameterVector, Status
 from ..judge.calibrate import Calibration, shares
 from ..judge.conventions.rests_on import RestsOn
+from ..judge.parameters.separability import known
 from ..judge.residuals import Accuracy, rms
-from ..judge.separability import known
 from ..physics import so3
 from ..physics.timescales import format_iso
 from ..physics.units import ARCSEC, DEG

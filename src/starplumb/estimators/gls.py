@@ -57,7 +57,7 @@ class Gls:
     ``parameters`` (optics, clocks, trackers) are estimated beside the alignment: their design stands beside that of
     the mounting, ``A = [H, dz/dp]``, and they move by ``p <- p + x_p``.  A parameter with a prior is pulled to zero by
     it; a free one is held by its whole plausible range only, so that the equations can be solved even where the data
-    say nothing of it (:mod:`starplumb.judge.separability` then refuses to call it known).
+    say nothing of it (:mod:`starplumb.judge.parameters.separability` then refuses to call it known).
     """
 
     parameters: tuple[Parameter, ...] = ()

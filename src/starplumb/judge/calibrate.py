@@ -31,11 +31,12 @@ from .conventions.rests_on import RestsOn, finding_of_rests_on, rests_on
 from .files.evidence import Evidence
 from .files.findings import findings_of_files
 from .motion.found import Moves, finding_of, moves
+from .parameters.separability import Combination, combinations, inseparable, ruins_alignment, without_gain
+from .parameters.single_image import rest_on_one
 from .reference import Reference
 from .residuals import Accuracy, Residuals, residuals
 from .scatter.from_data import FromData, from_data, image_rotations, levels_of
 from .scatter.sources import findings_of_sources
-from .separability import UNKNOWN, Combination, combinations, ruins_alignment, without_gain
 from .snooping import Rejection, Snooping, fit_at, recognised, rejections, snoop
 from .trust import Finding, interval_95, judged, said
 from .unmodelled import unmodelled
@@ -161,10 +162,11 @@ def calibrate(campaign: Campaign, estimator: Estimator, by_gls: Calibration | No
         *(findings_of_sources(scatter, int(np.sum(support.counts[1] > 0))) if tested else ()),
         *_moving(campaign, moving, estimate),
         *(Finding(e.text, e.weakens, refutes=e.refuses, covariance_E=e.covariance_E) for e in evidence),
-        *(Finding(c.sentence, c.growth >= UNKNOWN) for c in traded),
+        *(inseparable(combination, estimate) for combination in traded),
         *_consistent(support, estimate, again, snooping),
         *_unmodelled(campaign, fit, estimate),
         *finding_of_rests_on(rests),
+        *rest_on_one(fit, estimate.parameters if tested else None, campaign.images.ids),
         *(Finding(sentence, False) for sentence in _remarks(estimate, untested=tested and snooping is None)),
     ]
     if own.usable and not tested:

@@ -13,7 +13,7 @@ from ..physics import so3
 from ..physics.units import ARCSEC, DEG
 from ..solve.chunks import CHUNK, part, sample, sampled
 from ..table.observations import Observations
-from .known_before import contradicted
+from .parameters.known_before import contradicted
 from .trust import Finding, probability
 
 Array = NDArray[np.float64]

@@ -17,7 +17,7 @@ from ..io.campaign.read import LoadedCampaign
 from ..io.results.residual_table import residual_columns, residual_names
 from ..judge.calibrate import Calibration
 from ..judge.consistency import IMPLAUSIBLE_P
-from ..judge.separability import known
+from ..judge.parameters.separability import known
 from ..physics import so3
 from ..physics.errors import AlignmentFailed
 from ..physics.units import ARCSEC

@@ -16,13 +16,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..estimators.protocol import AlignmentEstimate
-from ..physics import so3
-from ..physics.units import ARCSEC
-from ..table.observations import Observations
-from ..table.parameter_names import UNITS, unit_of
+from ...estimators.protocol import AlignmentEstimate
+from ...physics import so3
+from ...physics.units import ARCSEC
+from ...table.observations import Observations
+from ...table.parameter_names import UNITS, unit_of
+from ..trust import NORMAL_95, Finding, probability
 from .separability import in_words
-from .trust import NORMAL_95, Finding, probability
 
 Array = NDArray[np.float64]
 

@@ -13,8 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..estimators.protocol import AlignmentEstimate, ParameterVector
-from ..table.observations import Observations
+from ...estimators.protocol import AlignmentEstimate, ParameterVector
+from ...table.observations import Observations
+from ..trust import Finding
 
 Array = NDArray[np.float64]
 
@@ -24,6 +25,10 @@ UNKNOWN = 30.0
 """Growth from which a member of the combination is no longer reported as known: small model errors then decide."""
 HOPELESS = 1000.0
 """Growth from which an alignment that takes part must not be used."""
+BOUNDLESS = 3.0
+"""Residuals over what is stated from which on an alignment that is not separated from a parameter is anywhere."""
+YAW = 2
+"""The last of the indices of the alignment in a combination."""
 NO_GAIN = 0.95
 """Share of its prior sigma above which a parameter has gained nothing from the data."""
 MEMBER = 0.3
@@ -126,3 +131,16 @@ def known(p: ParameterVector, found: list[Combination]) -> NDArray[np.bool_]:
 def ruins_alignment(found: list[Combination]) -> bool:
     """Whether the alignment takes part in a combination that says nothing of it."""
     return any(c.growth >= HOPELESS and min(c.members) < 3 for c in found)
+
+
+def inseparable(c: Combination, estimate: AlignmentEstimate) -> Finding:
+    """What a combination means: small errors of the model decide about it, and large residuals leave no bound."""
+    weakens = c.growth >= UNKNOWN
+    dof = 0 if estimate.degrees_of_freedom is None else int(estimate.degrees_of_freedom)
+    misfit = 0.0 if estimate.chi2 is None or dof == 0 else float(np.sqrt(estimate.chi2 / dof))
+    if not weakens or misfit < BOUNDLESS or min(c.members) > YAW:
+        return Finding(c.sentence, weakens)
+    worse = (
+        f"{c.sentence}; with residuals {misfit:.2g} times what is stated nothing bounds the alignment's error"
+    )
+    return Finding(f"{worse}: run starplumb diagnose", True, refutes=True)
