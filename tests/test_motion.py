@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -9,12 +10,16 @@ import pytest
 from scipy.stats import binomtest
 
 import starplumb as sp
+from command import demo as written_demo
+from command import starplumb
 from problems import C_EK_TRUE, FRAME, UniformEarth, truth
 from starplumb.documents.from_calibration import result_document
-from starplumb.documents.prediction import predicted
+from starplumb.documents.normals import NormalsDocument, joined, normals_document
+from starplumb.documents.prediction import PredictionDocument, predicted
 from starplumb.documents.result import ResultDocument
 from starplumb.estimators.gls import Gls
 from starplumb.io.campaign.marks.images import read_images
+from starplumb.io.formats.spice import tdb_seconds
 from starplumb.io.tables.declared import Declared
 from starplumb.judge.calibrate import calibrate
 from starplumb.judge.motion.asked import columns_asked
@@ -25,9 +30,10 @@ from starplumb.judge.motion.regressors import Scales, When, families, harmonics,
 from starplumb.judge.motion.sums import ImageSums, image_sums
 from starplumb.judge.snooping import fit_at
 from starplumb.physics import so3
+from starplumb.physics.earth import itrf_to_geodetic
 from starplumb.physics.errors import ArgumentError, InputError
 from starplumb.physics.orbit import KeplerOrbit
-from starplumb.physics.timescales import parse
+from starplumb.physics.timescales import format_iso, parse
 from starplumb.physics.units import ARCSEC, DEG
 from starplumb.plan import scene
 from starplumb.table.geometry import observe
@@ -366,6 +372,45 @@ def test_a_budget_states_what_motion_would_be_found():
     assert found["in_words"] == f"one over the span would be from {found['detectable_arcsec']:.2g} arcsec on"
 
 
+def test_spice_turns_the_camera_as_predict_does(rng, tmp_path):
+    """The C-kernel at times between its samples, by SPICE itself; a table with the covariance stands beside it."""
+    spice = pytest.importorskip("spiceypy")
+    campaign = sp.demo(images=30, seed=3)
+    result = sp.calibrate(campaign, method="gls", drift="linear,step:2025-06-21T10:36:00")
+    result.save(tmp_path, report=False)
+    names = ("mounting.tf", "mounting.tsc", "mounting.bc")
+    span = result.document["span"]
+    first, last = parse([span["first"], span["last"]], "UTC")
+    try:
+        for name in names:
+            spice.furnsh(str(tmp_path / name))
+        for share in (0.01, 0.3, 0.77, 0.99):
+            t_ns = int(first + share * (last - first))
+            found = sp.predict(result, format_iso([t_ns], "UTC", 9)[0])
+            C = spice.pxform("CAMERA", "STAR_TRACKER", float(tdb_seconds(t_ns)))
+            assert np.linalg.norm(so3.log(C @ found.C_EK.T)) < 0.002 * ARCSEC
+            assert np.max(np.abs(found.document["correction_arcsec"])) > 0.01
+    finally:
+        spice.kclear()
+    rows = (tmp_path / "mounting.csv").read_text().splitlines()
+    assert rows[0].startswith("time,qx,qy,qz,qw,covariance_xx_arcsec2")
+    at_first = sp.predict(result, span["first"]).covariance_arcsec2
+    assert float(rows[1].split(",")[5]) == pytest.approx(at_first[0, 0], rel=1e-4)
+    sp.calibrate(campaign, method="gls").save(tmp_path, report=False)
+    assert not (tmp_path / "mounting.bc").exists()
+    assert "CLASS = 4" in (tmp_path / "mounting.tf").read_text()
+
+
+def test_normal_equations_of_a_moving_mounting_are_those_of_its_data(rng):
+    """What an archive sums must not know of a motion that was taken out: the same equations as without."""
+    campaign = moving(rng, 40.0)
+    plain, drifting = (calibrate_moving(campaign, Gls(), drift) for drift in ("none", "linear"))
+    answers = [joined([NormalsDocument.of(normals_document(c))]) for c in (plain, drifting)]
+    away = so3.log(answers[0].C_EK @ answers[1].C_EK.T) / plain.sigma_E
+    assert np.all(np.abs(away) < 1e-2)
+    assert answers[0].chi2 == pytest.approx(answers[1].chi2, rel=1e-3)
+
+
 def test_what_drift_takes_is_checked_before_the_work():
     assert columns_asked("orbit:1, linear") == ("orbit:1 cos", "orbit:1 sin", "linear")
     assert columns_asked("auto") == ()
@@ -386,3 +431,50 @@ def test_the_turn_of_a_campaign_is_that_of_its_mounting(rng):
     turned = calibrate(replace(campaign, turn_E=np.tile(turn, (30, 1))), Gls())
     straight = calibrate(campaign, Gls())
     np.testing.assert_allclose(so3.exp(turn) @ turned.C_EK, straight.C_EK, atol=1e-9)
+
+
+def test_predict_on_the_command_line(tmp_path):
+    """The JSON of a time within the span is the result itself; a day later its sigma is larger, and that is said."""
+    path = written_demo(tmp_path / "demo", "--images", 6)
+    assert starplumb("calibrate", path, "--method", "gls", "--no-report").status == 0
+    result = json.loads((path.parent / "result" / "result.json").read_text())
+    within = starplumb("predict", path.parent / "result", "--at", result["span"]["last"], "--json")
+    found = json.loads(within.out)
+    PredictionDocument.of(found)
+    assert found["matrix"] == result["mounting"]["matrix"]
+    np.testing.assert_allclose(found["covariance_arcsec2"], result["covariance_arcsec2"])
+    later = starplumb("predict", path.parent / "result", "--at", "2025-07-01T00:00:00", "--json")
+    assert json.loads(later.out)["sigma_arcsec"][0] > found["sigma_arcsec"][0]
+    assert "outside the span of the images" in later.err
+    shown = starplumb("predict", path.parent / "result" / "result.json", "--at", result["span"]["last"])
+    assert "quaternion x y z w: " in shown.out
+    wrong = starplumb("predict", path.parent / "result", "--at", "noon")
+    assert wrong.status == 2
+    assert "--at: found 'noon'" in wrong.err
+
+
+def test_locate_uses_the_mounting_at_the_time_of_the_image(rng):
+    """A mounting that drifts by 400 arcsec: the first and the last image look elsewhere than the mean one, by hundreds
+    of metres; where the drift was estimated, each finds its own marker."""
+    campaign = sp.demo(images=12, seed=5)
+    data = campaign.loaded.campaign
+    turn = 400.0 * ARCSEC * np.linspace(-0.5, 0.5, 12)[:, None] * np.array([1.0, 0.0, 0.0])
+    attitude = data.one_attitude
+    nearest = np.argmin(np.abs(attitude.t_ns[:, None] - data.images.t_ns), axis=1)
+    C_EF = so3.exp(turn[nearest]) @ so3.from_quaternion(attitude.q_EF)
+    drifting = data.with_attitude(lambda a: replace(a, q_EF=so3.to_quaternion(C_EF)))
+    moved = replace(campaign, loaded=replace(campaign.loaded, campaign=drifting))
+    result = sp.calibrate(moved, method="gls", drift="linear")
+    for i in (0, 11):
+        row = int(np.flatnonzero(data.sightings.image == i)[0])
+        marker = data.landmarks.r_J[data.sightings.landmark[row]]
+        _, _, height = itrf_to_geodetic(marker)
+        pixel = {"column": float(data.sightings.column_px[row]), "row": float(data.sightings.row_px[row])}
+        place = sp.locate(moved, result, image=campaign.images[i], height_m=float(height), **pixel)
+        off = np.linalg.norm(np.array(place.document["itrf_m"]) - marker)
+        assert off < 5.0 * np.max(place.document["sigma_east_north_up_m"])
+        mean = replace(moved.loaded, campaign=replace(drifting, C_EK=result.C_EK))
+        rests = sp.locate(
+            replace(moved, loaded=mean), "model", image=campaign.images[i], height_m=float(height), **pixel
+        )
+        assert np.linalg.norm(np.array(rests.document["itrf_m"]) - marker) > 300.0

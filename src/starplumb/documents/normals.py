@@ -133,6 +133,8 @@ def _place(c: Calibration, landmark: int) -> dict[str, Any]:
 
 
 def _image(c: Calibration, one: ImageNormals, names: Sequence[str], scale: Array) -> dict[str, Any]:
+    turn = c.campaign.turn_E
+    one = one if turn is None else one.moved(turn[one.image])  # the data know of no motion
     s = np.concatenate([scale, np.ones(3 * one.landmarks.size)])
     N = one.information * s[:, None] * s
     landmarks = [f"landmark[{c.campaign.landmarks.ids[int(i)]}]" for i in one.landmarks]

@@ -26,6 +26,7 @@ from ..table.parameter_names import UNITS, unit_of
 from .arguments import Folder, checked
 from .campaign import Campaign
 from .frames import Frame
+from .motion.kernels import MOVING_FILES, KernelFrames, moving_kernels
 from .show import Shown, for_python
 
 if TYPE_CHECKING:
@@ -37,7 +38,7 @@ Array = NDArray[np.float64]
 
 MAP = "residuals.gpkg"
 """The residuals for a geographic information system."""
-RESULT_FILES = ("report.html", "mounting.tf", "residuals.csv", "normals.json", MAP)
+RESULT_FILES = ("report.html", "mounting.tf", "residuals.csv", "normals.json", MAP, *MOVING_FILES)
 """Files of a result beside ``result.json``: those that a new result does not write are removed."""
 
 
@@ -174,8 +175,9 @@ class Result(Shown):
         """Write what ``starplumb calibrate --out`` writes, all files or none.
 
         ``result.json``, ``residuals.csv``, with ``report`` the page ``report.html``, with ``gpkg`` the map
-        ``residuals.gpkg``, and, if the mounting may be used, the SPICE frame kernel ``mounting.tf``.  Files of an
-        earlier result that this one does not write are removed.
+        ``residuals.gpkg``, and, if the mounting may be used, the SPICE frame kernel ``mounting.tf``.  One that moves is
+        also a table ``mounting.csv`` with its covariance and, with the extra ``spice``, a C-kernel ``mounting.bc`` with
+        its clock ``mounting.tsc``.  Files of an earlier result that this one does not write are removed.
         """
         from ..io.text.write import csv_pieces, json_text, publish
 
@@ -194,15 +196,26 @@ class Result(Shown):
             files["report.html"] = self.report()
         if self.usable:
             files["mounting.tf"] = self._kernel()
+        moving = moving_kernels(self.calibration, self._kernel, self._frames) if self.usable else None
+        if moving is not None:
+            files |= moving.files
         publish(Path(folder), files, instead_of=RESULT_FILES)
+        if moving is not None:
+            moving.write_ck(Path(folder))
         if gpkg:
             self._write_map(Path(folder) / MAP)
 
-    def _kernel(self) -> str:
+    @property
+    def _frames(self) -> KernelFrames:
+        """SPICE's names of camera and tracker, and the ids."""
         from ..io.campaign.spice_config import kernel_frames
+
+        return kernel_frames(self.campaign.loaded.config.spice, self.campaign.frames[1])
+
+    def _kernel(self, clock: int | None = None) -> str:
         from ..io.formats.spice import frame_kernel_text
 
-        camera, tracker, ids = kernel_frames(self.campaign.loaded.config.spice, self.campaign.frames[1])
+        camera, tracker, ids = self._frames
         heading = (("campaign", self.campaign.name), ("method", self.method), ("status", self.status))
         return frame_kernel_text(
             self.C_EK,
@@ -211,6 +224,7 @@ class Result(Shown):
             ids=ids,
             covariance_E=self.calibration.estimate.covariance_E,
             comments=[f"{key}: {value}" for key, value in heading],
+            clock=clock,
         )
 
     def _write_map(self, path: Path) -> None:

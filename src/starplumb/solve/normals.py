@@ -13,7 +13,7 @@ the solution is ``x = -N^-1 b`` with the covariance ``N^-1`` and chi-square ``c 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +36,12 @@ class ImageNormals:
     vector: Array
     constant: float
     count: int
+
+    def moved(self, x: Array) -> ImageNormals:
+        """The same about a mounting ``exp(-x)`` times the one that they are about, x (3,) rad."""
+        Nx = self.information[:, :3] @ x
+        constant = self.constant - 2.0 * float(x @ self.vector[:3]) + float(x @ Nx[:3])
+        return replace(self, vector=self.vector - Nx, constant=constant)
 
 
 def image_normals(problem: Problem, shared: Index) -> Iterator[ImageNormals]:

@@ -188,21 +188,24 @@ def frame_kernel_text(
     ids: FrameIds = DEFAULT_IDS,
     covariance_E: FloatArray | None = None,
     comments: Sequence[str] = (),
+    clock: int | None = None,
 ) -> str:
     """The mounting as a SPICE text frame kernel: ``pxform(from_name, to_name, et)`` is ``C_EK`` (3, 3).
 
     The camera is a fixed-offset (TK) frame relative to the tracker, the tracker a frame whose attitude comes
-    from a C-kernel. Names pass :func:`frame_name`. ``covariance_E`` (3, 3), rad^2 about the axes of E, and
-    ``comments`` stand in the kernel as text. Source: NAIF, Frames Required Reading. InputError where both
-    names are one.
+    from a C-kernel. With a ``clock`` the camera moves: its frame is of a C-kernel that goes by the clock of that
+    id, and ``C_EK`` its mean, said as text. Names pass :func:`frame_name`. ``covariance_E`` (3, 3), rad^2 about the
+    axes of E, and ``comments`` stand in the kernel as text. Source: NAIF, Frames Required Reading. InputError where
+    both names are one.
     """
     camera, tracker = frame_name(from_name), frame_name(to_name)
     if camera == tracker:
         raise InputError(f"the SPICE names of both frames are {camera}, wanted two different ones")
-    data = _camera(camera, tracker, ids, C_EK)
+    data = _camera(camera, tracker, ids, C_EK) if clock is None else _moving(camera, ids, clock)
     if ids.tracker is not None:
         data += ["", *_definition(tracker, ids.tracker, 3, ids.spacecraft)]
-    prose = _comment(_prose(camera, tracker, covariance_E, comments))
+    mean = None if clock is None else C_EK
+    prose = _comment(_prose(camera, tracker, covariance_E, comments, mean))
     return "\n".join(["KPL/FK", "", *prose, "", "\\begindata", "", *data, "", "\\begintext", ""])
 
 
@@ -219,6 +222,15 @@ def _camera(camera: str, tracker: str, ids: FrameIds, C_EK: FloatArray) -> list[
     ]
 
 
+def _moving(camera: str, ids: FrameIds, clock: int) -> list[str]:
+    """A frame (class 3) whose attitude comes from a C-kernel by a clock."""
+    return [
+        *_definition(camera, ids.camera, 3, ids.spacecraft),
+        f"CK_{ids.camera}_SCLK = {clock}",
+        f"CK_{ids.camera}_SPK = {ids.spacecraft}",
+    ]
+
+
 def _definition(name: str, frame_id: int, kind: int, center_id: int) -> list[str]:
     return [
         f"FRAME_{name} = {frame_id}",
@@ -230,10 +242,19 @@ def _definition(name: str, frame_id: int, kind: int, center_id: int) -> list[str
 
 
 def _prose(
-    camera: str, tracker: str, covariance_E: FloatArray | None, comments: Sequence[str]
+    camera: str,
+    tracker: str,
+    covariance_E: FloatArray | None,
+    comments: Sequence[str],
+    mean: FloatArray | None,
 ) -> Iterator[str]:
     yield f"Mounting of {camera} on {tracker}, written by starplumb."
-    yield f"The matrix takes coordinates from {camera} to {tracker}; SPICE lists it column by column."
+    if mean is None:
+        yield f"The matrix takes coordinates from {camera} to {tracker}; SPICE lists it column by column."
+    else:
+        yield "It moves: load mounting.tsc and mounting.bc too. Its mean, row by row:"
+        for row in mean:
+            yield "   " + " ".join(f"{value: .15f}" for value in row)
     if covariance_E is not None:
         yield f"Covariance of its error about the axes of {tracker}, arcsec^2, row by row:"
         for row in np.asarray(covariance_E, dtype=float) / ARCSEC**2:
