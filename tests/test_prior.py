@@ -53,21 +53,32 @@ def test_a_prior_beside_a_stated_sigma_is_refused(tmp_path):
 def test_data_that_contradict_a_prior_name_its_file(tmp_path):
     """Of a mounting 60 arcsec away; what campaign.toml does not state must not be blamed, and the interval holds the
     truth, from which the prior pulls the answer by half of that."""
-    path = written_demo(tmp_path / "a", "--images", 3)
-    result = sp.calibrate(sp.read_campaign(path))
-    folder = result.save(tmp_path / "earlier", report=False) or tmp_path / "earlier"
-    document = json.loads((folder / "result.json").read_text())
+    sp.calibrate(sp.demo(images=3, seed=1)).save(tmp_path, report=False)
+    document = json.loads((tmp_path / "result.json").read_text())
     turned = so3.exp(np.radians([60.0 / 3600.0, 0.0, 0.0])) @ np.array(document["mounting"]["matrix"])
     document["mounting"]["matrix"] = turned.tolist()
     document["mounting"]["quaternion_xyzw"] = so3.to_quaternion(turned).tolist()
-    (folder / "result.json").write_text(json.dumps(document))
-    found = sp.calibrate(sp.read_campaign(path), method="gls", prior=folder / "result.json")
+    (tmp_path / "result.json").write_text(json.dumps(document))
+    campaign = sp.demo(images=3, seed=2)
+    found = sp.calibrate(campaign, method="gls", prior=tmp_path / "result.json")
     assert found.status == "weak"
-    assert f"the data contradict the prior {folder / 'result.json'} (" in found.message
+    assert f"the data contradict the prior {tmp_path / 'result.json'} (" in found.message
     assert "mounting.sigma_arcsec" not in found.message
-    error = np.abs(so3.log(found.C_EK @ sp.read_campaign(path).C_EK_true.T)) / ARCSEC
+    error = np.abs(so3.log(found.C_EK @ campaign.C_EK_true.T)) / ARCSEC
     assert error[0] > 20.0
     assert np.all(error < found.interval_95_arcsec)
+
+
+def test_a_prior_of_the_same_sightings_is_refused(tmp_path):
+    path = written_demo(tmp_path / "a", "--images", 3)
+    assert starplumb("calibrate", path, "--no-report").status == 0
+    prior = path.parent / "result" / "result.json"
+    done = starplumb("calibrate", path, "--no-report", "--out", tmp_path / "b", "--prior", prior)
+    assert done.status == 2
+    assert f"the prior {prior} was made from the same observations.csv" in done.err
+    campaign = sp.demo(images=3)
+    with pytest.raises(InputError, match="the prior was made from the same"):
+        sp.calibrate(campaign, prior=sp.calibrate(campaign))
 
 
 @pytest.mark.parametrize(
@@ -86,23 +97,21 @@ def test_a_prior_half_a_degree_off_leaves_no_answer(method, status, named):
 
 
 def test_landmarks_of_both_campaigns_are_said_to_count_twice(tmp_path):
-    """Twice the same images, their markers renamed in the second but for one."""
-    campaign = sp.demo(images=3, seed=4)
-    first = sp.calibrate(campaign)
+    """Markers of two campaigns have the names of the example; those of a third share one."""
+    first, second = sp.calibrate(sp.demo(images=3, seed=4)), sp.demo(images=3, seed=5)
     first.save(tmp_path, report=False)
-    physics = campaign.loaded.campaign
+    physics = second.loaded.campaign
     names = tuple(name if name == "gcp005" else f"b{name}" for name in physics.landmarks.ids)
     renamed = replace(physics, landmarks=replace(physics.landmarks, ids=names))
-    other = replace(campaign, loaded=replace(campaign.loaded, campaign=renamed))
+    third = replace(second, loaded=replace(second.loaded, campaign=renamed))
     for prior, name in (
         (first, "the prior"),
         (tmp_path / "result.json", f"the prior {tmp_path / 'result.json'}"),
     ):
-        found = sp.calibrate(other, prior=prior)
+        found = sp.calibrate(third, prior=prior)
         assert found.status == "ok"
         assert f"1 landmark of {name} occurs here too (gcp005)" in found.message
-    everything = sp.calibrate(campaign, prior=tmp_path / "result.json")
-    assert "30 landmarks of the prior" in everything.message
+    assert "30 landmarks of the prior" in sp.calibrate(second, prior=tmp_path / "result.json").message
     for file in ("residuals.csv", "normals.json"):
         (tmp_path / file).unlink()
-    assert "occur here" not in sp.calibrate(campaign, prior=tmp_path / "result.json").message
+    assert "occur here" not in sp.calibrate(second, prior=tmp_path / "result.json").message

@@ -64,12 +64,16 @@ def _model(campaign: Campaign, *notices: str) -> Mounting:
     return Mounting(campaign.C_EK, prior_E, "model with its stated sigma", notices)
 
 
-def known_before(campaign: Campaign, result: Result | str | Path) -> Mounting:
-    """The mounting of an earlier result, as a prior.  Raises InputError where it cannot be used."""
+def known_before(campaign: Campaign, result: Result | str | Path) -> tuple[Mounting, Mapping[str, str]]:
+    """The mounting of an earlier result, as a prior, and the digests of what that was made from.
+
+    Raises InputError where it cannot be used.
+    """
     if isinstance(result, Result):
-        return _of_result(campaign, result, FIRST)
+        return _of_result(campaign, result, FIRST), result.campaign.loaded.inputs
     document = _document(campaign, Path(result))
-    return _at_image(campaign, document, _of_document(document, Path(result)), FIRST)
+    known = _at_image(campaign, document, _of_document(document, Path(result)), FIRST)
+    return known, document.inputs
 
 
 def _of_result(campaign: Campaign, result: Result, image: int | None) -> Mounting:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -47,7 +48,8 @@ def _counted_twice(name: str, landmarks: list[str]) -> str:
 def with_prior(campaign: Campaign, result: Result | str | Path) -> tuple[Campaign, Prior]:
     """The campaign with the mounting of an earlier result as its model, known with its whole covariance.
 
-    Raises InputError where the result cannot be used, or the campaign states a sigma of its mounting too.
+    Raises InputError where the result cannot be used or is of the same sightings, or the campaign states a sigma of its
+    mounting too.
     """
     loaded = campaign.loaded
     if loaded.campaign.prior_E is not None:
@@ -55,12 +57,13 @@ def with_prior(campaign: Campaign, result: Result | str | Path) -> tuple[Campaig
             f"{campaign.source}: mounting.sigma_arcsec: found beside the prior of an earlier result, "
             "wanted only one of the two"
         )
-    mounting = known_before(campaign, result)
+    mounting, made_from = known_before(campaign, result)
     if isinstance(result, Result):
         prior, inputs = Prior("the prior", _landmarks_of(result)), {}
     else:
         path = Path(result)
         prior, inputs = Prior(f"the prior {path}", _landmarks_beside(path)), {str(path): fingerprint(path)}
+    _require_other_sightings(campaign, made_from, prior.name)
     known = replace(
         loaded.campaign,
         C_EK=mounting.C_EK,
@@ -68,6 +71,18 @@ def with_prior(campaign: Campaign, result: Result | str | Path) -> tuple[Campaig
         known_from=prior.name,
     )
     return replace(campaign, loaded=replace(loaded, campaign=known, inputs=loaded.inputs | inputs)), prior
+
+
+def _require_other_sightings(campaign: Campaign, made_from: Mapping[str, str], prior: str) -> None:
+    """Raise InputError where the table of sightings is one that the prior was made from."""
+    config, inputs = campaign.loaded.config, campaign.loaded.inputs
+    table = config.observations or config.detections
+    name = "" if table is None else str(table.file)
+    if inputs.get(name, "") in made_from.values():
+        raise InputError(
+            f"{campaign.source}: {prior} was made from the same {name}; wanted an earlier result of other sightings, "
+            "since these would count twice"
+        )
 
 
 def _landmarks_of(result: Result) -> frozenset[str]:
