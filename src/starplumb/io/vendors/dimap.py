@@ -99,8 +99,9 @@ def read_dimap(path: Path, attitude: AttitudeChoice = "vendor", band: str | None
     """The image a DIMAP file describes, in our axes.
 
     ``attitude``: ``vendor``, camera to ITRF as he locates with it (its light effects are in the attitude, so that ours
-    are off), or the telemetry ``filtered`` or ``raw``, AOCS frame to J2000 (ours are on; only in the production
-    layout).  ``band`` names the band whose look directions are read where a file has those of several.
+    are off; refraction is on where he states that he counts it), or the telemetry ``filtered`` or ``raw``, AOCS frame
+    to J2000 (ours are on; only in the production layout).  ``band`` names the band whose look directions are read where
+    a file has those of several.
     Raises InputError for what is missing, contradicts itself or would have to be guessed.
     """
     root = read_xml(path)
@@ -131,11 +132,28 @@ def read_dimap(path: Path, attitude: AttitudeChoice = "vendor", band: str | None
         frame=chosen.frame,
         C_EK=C_KV.mT,
         own_mounting=own,
-        corrections=Corrections(light_time=not own, aberration=not own, refraction=False),
+        corrections=Corrections(
+            light_time=not own, aberration=not own, refraction=_setting(root, "ATMOSPHERIC_REFRACTION")
+        ),
         corners=corners_of(
             root.find("Product_Frame/Dataset_Frame") or root.find("Dataset_Content/Dataset_Extent")
         ),
-        notices=(*_row_times(root, timing), *chosen.notices),
+        notices=(*_row_times(root, timing), *_light(root), *chosen.notices),
+    )
+
+
+def _setting(root: Node, name: str) -> bool:
+    """Whether the vendor states that his location counts an effect; products before Pleiades Neo do not say."""
+    node = root.find(f"Processing_Information/Product_Settings/Geometric_Settings/{name}_SETTING")
+    return node is not None and node.text.strip().lower() == "true"
+
+
+def _light(root: Node) -> tuple[str, ...]:
+    if not _setting(root, "LIGHT_SPEED"):
+        return ()
+    return (
+        f"{root.path}: LIGHT_SPEED_SETTING is true, which no product known to this reader states: see by its corners "
+        "whether light_time and aberration of [corrections] belong on",
     )
 
 

@@ -84,7 +84,9 @@ def _require_alike(a: Named, b: Named) -> None:
     if np.linalg.norm(so3.log(first.C_EK @ other.C_EK.mT)) > SAME_TURN:
         raise InputError(f"{differ} another model mounting than that of {a.name}, wanted the same")
     if first.corrections != other.corrections:
-        other_ones = f"an attitude with other corrections than that of {a.name} (light time, aberration)"
+        other_ones = (
+            f"an attitude with other corrections than that of {a.name} (light time, aberration, refraction)"
+        )
         raise InputError(f"{differ} {other_ones}, wanted the same")
     for key, x, y in (
         ("sigma_m", first.sigma_position, other.sigma_position),
