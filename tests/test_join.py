@@ -189,14 +189,48 @@ def test_what_a_campaign_has_once_is_the_same(demo, change, says):
     assert says in str(refused.value)
 
 
-def test_a_camera_that_joining_would_move_is_refused(demo):
-    """Ten seconds later the first orbit is still sampled between the samples of the second: one of them would lie."""
+def test_images_at_one_time_with_two_orbits_are_refused(demo):
     moved = replace(demo.ephemeris, r_J=demo.ephemeris.r_J + 5.0)
     other = later(replace(demo, ephemeris=moved), 0.03, "b")
     with pytest.raises(
         InputError, match=r"b: found images and orbit that overlap in time those of a and differ"
     ):
         joined([Named("a", demo), Named("b", other)])
+
+
+@pytest.mark.parametrize("metres", [0.0, 5.0])
+def test_a_camera_that_joining_would_move_is_refused(demo, metres):
+    """The first orbit ends one sample after its last image; the next sample is the second's, so many metres off."""
+    t_ns = demo.ephemeris.t_ns
+    step = t_ns[1] - t_ns[0]
+    kept = t_ns <= demo.images.t_ns[-1] + step
+    between = replace(demo.images, t_ns=demo.images.t_ns + step // 3)  # on a sample nothing is interpolated
+    short = replace(demo, images=between, ephemeris=replace(demo.ephemeris, **of(demo.ephemeris, kept)))
+    start = t_ns > demo.images.t_ns[-1] + step
+    after = replace(demo.ephemeris, **of(demo.ephemeris, start))
+    after = replace(after, r_J=after.r_J + metres)
+    images = replace(demo.images, ids=("b0", "b1"), t_ns=after.t_ns[[2, 4]])
+    attitude = replace(demo.attitude, t_ns=demo.attitude.t_ns, q_EF=demo.attitude.q_EF)
+    other = replace(demo, ephemeris=after, images=images, attitude=attitude, sightings=none(demo))
+    parts = [Named("a", short), Named("b", other)]
+    if not metres:
+        joined(parts)
+        return
+    with pytest.raises(InputError, match=r"joined with the others its camera would move by .* m"):
+        joined(parts)
+
+
+def of(orbit, chosen):
+    return {"t_ns": orbit.t_ns[chosen], "r_J": orbit.r_J[chosen], "v_J": orbit.v_J[chosen]}
+
+
+def none(campaign):
+    return replace(campaign.sightings, **{name: x[:0] for name, x in vars(campaign.sightings).items()})
+
+
+def test_into_a_folder_that_is_not_there_is_an_import(tmp_path, products):
+    assert run(*products[:2], "--into", tmp_path / "new", *SIGMAS, "--image-id", "A,B").exception is None
+    assert set(places(tmp_path / "new")) == {"A", "B"}
 
 
 def test_a_campaign_of_its_own_form_is_not_rewritten(tmp_path, products):

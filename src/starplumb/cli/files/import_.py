@@ -125,8 +125,12 @@ def import_(
             raise InputError(
                 "--into: found beside --landmarks, wanted the rows added to the campaign's own tables"
             )
-        folder = into
-        notices = import_into(into, products, wanted, names)
+        folder, there = into, (into / "campaign.toml").exists()
+        notices = (
+            import_into(into, products, wanted, names)
+            if there
+            else import_products(products, into, wanted, image_ids=names)
+        )
     path = folder / "campaign.toml"
     speak.notices(notices)
     speak.document({"campaign": str(path), "notices": notices})

@@ -62,9 +62,8 @@ def raised(table: Table, ground: Ground) -> Table:
         raise InputError(f"{table.source}: {found}, wanted latitude_deg and longitude_deg with it")
     missing = [name for name in GEODETIC[:2] if name not in table.numbers]
     if missing:
-        raise InputError(
-            f"{table.source}: found no column {missing[0]}, wanted latitude_deg and longitude_deg"
-        )
+        lacks, *both = map(table.declared.name, (missing[0], *GEODETIC[:2]))
+        raise InputError(f"{table.source}: found no column {lacks}, wanted {' and '.join(both)}")
     latitude, longitude = (DEG * table.numbers[name] for name in GEODETIC[:2])
     stated = table.numbers.get("height_m")
     height = ground.ellipsoidal(table.source, stated, latitude, longitude, tuple(table.texts["landmark_id"]))
