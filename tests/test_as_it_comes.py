@@ -94,6 +94,17 @@ def test_so_they_are_in_data_frames(tmp_path, nothing):
     np.testing.assert_array_equal(found.campaign.sightings.row_px, plain.campaign.sightings.row_px)
 
 
+def test_so_they_are_where_a_frame_keeps_nan_and_null_apart(tmp_path):
+    pa = pytest.importorskip("pyarrow")
+    path = write_good_campaign(tmp_path)
+    columns = frame(FILES["observations.csv"])
+    table = pa.table(
+        {name: [*cells, None if name.endswith("_id") else float("nan")] for name, cells in columns.items()}
+    )
+    found = load_campaign(path, {"observations": table})
+    assert found.campaign.sightings.image.size == len(columns["row_px"])
+
+
 NAME = "T\u00e9n\u00e9r\u00e9 L1"
 
 
