@@ -344,6 +344,12 @@ def test_refraction_is_counted_where_the_vendor_counts_it(tmp_path: Path) -> Non
     assert "LIGHT_SPEED_SETTING is true" in light.notices[0]
 
 
+def test_an_orthorectified_product_is_refused_for_what_it_is(tmp_path: Path) -> None:
+    path = _written(tmp_path, delivered(), ("Refined_Model>", "Other>"), (">SENSOR<", ">ORTHO<"))
+    with pytest.raises(InputError, match=r"PROCESSING_LEVEL.*found \"ORTHO\", wanted \"SENSOR\""):
+        read_dimap(path)
+
+
 def test_first_detector_of_a_cut_line(tmp_path: Path) -> None:
     """Column 1 is detector FIRST_COL: the middle detector, 1001, is then column 1001 - 500, counted from 0."""
     path = _written(tmp_path, delivered(), ("<FIRST_COL>1<", "<FIRST_COL>501<"))

@@ -161,6 +161,9 @@ def _layout(root: Node) -> _Layout:
     for layout in (_PRODUCTION, _DELIVERED):
         if root.find(layout.model) is not None:
             return layout
+    for level in (root.find(layout.level) for layout in (_PRODUCTION, _DELIVERED)):
+        if level is not None:
+            _require_sensor(level)
     kind = root.find("Metadata_Identification/METADATA_SUBPROFILE")
     found = f"a {kind.text} file" if kind else f"the element {root.name}"
     raise root.error(
@@ -184,11 +187,14 @@ def _raster(root: Node, band: str | None) -> Node:
     return bands[0] if bands else raster.need("NROWS")
 
 
-def _require_systems(root: Node, layout: _Layout, model: Node) -> None:
-    """Raise InputError where the product is no sensor image or names other systems than UTC and WGS 84."""
-    level = root.need(layout.level)
+def _require_sensor(level: Node) -> None:
     if level.text != "SENSOR":
         raise level.error(show(level.text), '"SENSOR", an image in the geometry of its sensor')
+
+
+def _require_systems(root: Node, layout: _Layout, model: Node) -> None:
+    """Raise InputError where the product is no sensor image or names other systems than UTC and WGS 84."""
+    _require_sensor(root.need(layout.level))
     scale = model.find("Coordinate_Reference_System/Temporal_CRS/TEMPORAL_CRS_NAME")
     if scale is not None and scale.text != "UTC":
         raise scale.error(show(scale.text), '"UTC"')
