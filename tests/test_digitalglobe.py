@@ -607,7 +607,7 @@ def test_choices_that_a_product_does_not_have(tmp_path: Path) -> None:
     assert metadata_files(tmp_path) == [tmp_path / "other.IMD", tmp_path / "scene.xml"]
     empty = tmp_path / "empty"
     empty.mkdir()
-    with pytest.raises(InputError, match=r"found a folder without \.IMD and \.XML"):
+    with pytest.raises(InputError, match=r"found a folder without \.IMD, and without \.XML or \.DIM"):
         read_product(empty)
 
 

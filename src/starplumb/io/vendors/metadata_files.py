@@ -60,7 +60,10 @@ def one_metadata_file(path: Path) -> Path:
         return path
     found = metadata_files(path)
     if not found:
-        raise InputError(f"{path}: found a folder without .IMD and .XML, wanted the metadata of an image")
+        raise InputError(
+            f"{path}: found a folder without .IMD, and without .XML or .DIM that has a sensor model, wanted the "
+            "metadata of an image in the geometry of its sensor"
+        )
     if len(found) > 1:
         names = show([file.relative_to(path).as_posix() for file in found])
         raise InputError(f"{path}: found {len(found)} files of images, {names}, wanted the one to import")
