@@ -51,7 +51,6 @@ class Reference:
                 f"this method states no sigma: {WHAT} is {apart:.3g} arcsec away, and the interval holds both"
             )
             return [Finding(said, bool(np.any(np.abs(turn_E) > self.interval_95_E)), half_E=reach_E)]
-        if np.all(np.abs(turn_E) <= FAR * half_E):
-            return []
-        said = f"{WHAT} is {apart:.3g} arcsec away, farther than the sigma of this method allows"
-        return [Finding(f"{said}; the interval holds both", True, half_E=reach_E)]
+        far = bool(np.any(np.abs(turn_E) > FAR * half_E))
+        said = f"{WHAT} is {apart:.3g} arcsec away" + ", farther than the sigma of this method allows" * far
+        return [Finding(f"{said}; the interval holds both", far, informs=not far, half_E=reach_E)]
