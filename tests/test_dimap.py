@@ -364,6 +364,11 @@ def test_line_period_in_the_units_vendors_use(tmp_path: Path, period: str) -> No
     assert read_dimap(path).line_period_s == pytest.approx(1e-3, rel=1e-12)
 
 
+def test_look_directions_of_pleiades_neo_count_from_the_image(tmp_path: Path) -> None:
+    changes = ("<FIRST_COL>1<", "<FIRST_COL>501<"), ("S6_SENSOR", "PNEO_SENSOR")
+    assert _ground(_written(tmp_path, delivered(), *changes), 1000.0, 0.0)[1] == pytest.approx(0.0, abs=1e-6)
+
+
 def test_bent_look_directions_are_tabulated(tmp_path: Path) -> None:
     path = _written(
         tmp_path, delivered(), ("<YLOS_0>0.0</YLOS_0>", "<XLOS_2>1e-9</XLOS_2><YLOS_0>0.0</YLOS_0>")

@@ -121,7 +121,7 @@ def read_dimap(path: Path, attitude: AttitudeChoice = "vendor", band: str | None
         name=root.need(layout.name).text or path.stem,
         columns=columns,
         rows=timing.rows,
-        detectors=_detectors(layout, model, columns, band),
+        detectors=_detectors(layout, model, columns, band, _is_neo(root)),
         t_ns=timing.t_ns,
         line_period_s=timing.period_s,
         orbit_t_ns=orbit_t_ns,
@@ -140,6 +140,11 @@ def read_dimap(path: Path, attitude: AttitudeChoice = "vendor", band: str | None
         ),
         notices=(*_row_times(root, timing), *_light(root), *chosen.notices),
     )
+
+
+def _is_neo(root: Node) -> bool:
+    profile = root.find("Metadata_Identification/METADATA_PROFILE")
+    return profile is not None and profile.text.startswith("PNEO")
 
 
 def _setting(root: Node, name: str) -> bool:
@@ -279,10 +284,11 @@ def _vendor_attitude(layout: _Layout, model: Node, timing: _Timing) -> AttitudeS
     return quaternion_list(listed, "ITRF", "UTC", "TIME")
 
 
-def _detectors(layout: _Layout, model: Node, columns: int, band: str | None) -> Detectors:
-    """Tangents as polynomials of the detector, counted from 0 where the vendor's first is 1."""
+def _detectors(layout: _Layout, model: Node, columns: int, band: str | None, from_image: bool) -> Detectors:
+    """Tangents as polynomials of the detector, counted from 0 where the vendor's first is 1; ``from_image`` where the
+    first is that of the image, whichever of the line it is."""
     first = model.find(layout.first_column)
-    skipped = first.whole(1) - 1 if first else 0
+    skipped = first.whole(1) - 1 if first and not from_image else 0
     if layout is _PRODUCTION:
         directions = model.need("Sensor_Viewing_Model/Viewing_Directions")
         psi_x = directions.need("PsiX_Model/COEFFICIENTS").numbers()
