@@ -217,6 +217,20 @@ def test_what_is_wrong_with_ground_points_is_said(tmp_path, observations, says):
     assert "\n" not in str(refused.value)
 
 
+def test_a_geojson_of_both_is_read_as_it_comes(shared_cases, tmp_path):
+    """Its one place is 33.6 deg south, its pixel (821.3, 62.3) of an image that is named without the ending."""
+    pytest.importorskip("pyproj", reason="needs the extra gis")
+    stated = 'file = "gcps.geojson"\nsigma_m = 0.5'
+    path = with_points(tmp_path, 'file = "gcps.geojson"\nsigma_px = 0.4', stated)
+    (tmp_path / "gcps.geojson").write_text((shared_cases / "geojson" / "gcps.geojson").read_text())
+    (tmp_path / "images.csv").write_text("image_id,time\nscene,2020-01-01T00:00:01.500\n")
+    c = load_campaign(path).campaign
+    assert (c.landmarks.ids, c.images.ids) == (("plinth-1",), ("scene",))
+    np.testing.assert_allclose([c.sightings.column_px[0], c.sightings.row_px[0]], [821.3, 62.3])
+    assert c.landmarks.r_J[0, 2] < 0.0
+    np.testing.assert_allclose(np.diagonal(c.landmarks.covariance_J[0]), 0.25)
+
+
 def test_a_point_of_an_unknown_image_is_named_with_its_file(tmp_path):
     path = with_points(tmp_path, 'file = "*.gcp"')
     (tmp_path / "b.gcp").write_text(MORE.replace("I2", "I9"))

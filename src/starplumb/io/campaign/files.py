@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from ..points.read import MARKED_SUFFIXES, POINT_SUFFIXES
 from ..tables.read import Frame, TableSource
 from ..text.files import fingerprint, trouble
 from ..text.toml import refuse
@@ -81,11 +82,13 @@ def _listed(file: str | Sequence[str]) -> str:
 def _point_files(config: CampaignConfig, given: Settings) -> dict[str, PointFiles]:
     """The sections that name files of ground points, and these."""
     sections = {"landmarks": config.landmarks, "observations": config.observations}
+    same = config.observations is not None and config.landmarks.file == config.observations.file
     found = {}
     for key, section in sections.items():
         if section is not None and not isinstance(place := given.tables.get(f"{key}.file"), Frame):
             folder = given.folder if place is None else Path()
-            found[key] = PointFiles.of(folder, section.file, section.crs)
+            endings = MARKED_SUFFIXES if same or key == "observations" else POINT_SUFFIXES
+            found[key] = PointFiles.of(folder, section.file, section.crs, endings)
     return {key: files for key, files in found.items() if files is not None}
 
 

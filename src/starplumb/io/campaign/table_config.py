@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field
 
-from ..points.read import POINT_SUFFIXES
+from ..points.read import MARKED_SUFFIXES
 from ..tables.columns import SIGMA_ENU
 from ..tables.declared import Declared
 from ..tables.keys import TableKeys, TimedKeys
@@ -23,7 +23,7 @@ VECTOR_SUFFIXES = (".gpkg", ".geojson", ".json", ".shp")
 
 def _files(*endings: str) -> Callable[[object], object]:
     """Validator of the name of one file, or of those of several files of ground points (a list, or a pattern)."""
-    one, point = file_name(*endings), file_name(*POINT_SUFFIXES)
+    one, point = file_name(*endings), file_name(*MARKED_SUFFIXES)
 
     def check(value: object) -> object:
         if isinstance(value, str):
@@ -39,7 +39,7 @@ class LandmarksConfig(TableKeys):
     """[landmarks]"""
 
     file: Annotated[
-        str | tuple[str, ...], BeforeValidator(_files(*TABLE_SUFFIXES, *VECTOR_SUFFIXES, *POINT_SUFFIXES))
+        str | tuple[str, ...], BeforeValidator(_files(*TABLE_SUFFIXES, *VECTOR_SUFFIXES, *MARKED_SUFFIXES))
     ] = Field(description="the name of the file of landmarks")
     sigma_m: Sigma | None = Field(
         default=None, description="the landmarks' sigma where their file has none (one, or east, north, up)"
@@ -91,8 +91,8 @@ class MarksConfig(TableKeys):
 class ObservationsConfig(MarksConfig):
     """[observations]: a table, or files of ground points, a list or a pattern such as "*.points"."""
 
-    file: Annotated[str | tuple[str, ...], BeforeValidator(_files(*TABLE_SUFFIXES, *POINT_SUFFIXES))] = Field(
-        description="the name of a table (CSV, Parquet or Arrow) or of files of ground points"
+    file: Annotated[str | tuple[str, ...], BeforeValidator(_files(*TABLE_SUFFIXES, *MARKED_SUFFIXES))] = (
+        Field(description="the name of a table (CSV, Parquet or Arrow) or of files of ground points")
     )
     crs: Text | None = Field(
         default=None, description="the reference system of files of ground points that do not state it"

@@ -16,6 +16,9 @@ from .tags import read_tags
 POINT_SUFFIXES = (".points", ".gcp", ".txt")
 """Endings of files that can be nothing else, and so may stand in place of a campaign's tables."""
 
+MARKED_SUFFIXES = (*POINT_SUFFIXES, ".geojson", ".json")
+"""Those that hold marks in images too; of landmarks alone a GeoJSON may be a table of places."""
+
 _WANTED = (
     ".points (QGIS), .gcp (Ames Stereo Pipeline), .txt (OpenDroneMap), .geojson or .json (Orthority, rasterio), "
     ".csv, or .tif with control points in its tags"

@@ -12,7 +12,7 @@ import numpy as np
 from ....physics.errors import InputError
 from ...gis.heights import Ground
 from ...points.ground_points import GroundPoints
-from ...points.read import POINT_SUFFIXES, read_ground_points
+from ...points.read import read_ground_points
 from ...tables.cells import Array
 from ...tables.columns import GEODETIC, SIGMA_ENU
 from ...tables.declared import Declared
@@ -35,13 +35,15 @@ class PointFiles:
         return f"{self.folder / self.names[0]}{more}"
 
     @classmethod
-    def of(cls, folder: Path, named: str | Sequence[str], crs: str | None) -> PointFiles | None:
-        """The files that a campaign names, one, several or by a pattern; None where they are no ground points.
+    def of(
+        cls, folder: Path, named: str | Sequence[str], crs: str | None, endings: tuple[str, ...]
+    ) -> PointFiles | None:
+        """The files that a campaign names, one, several or by a pattern; None where they do not all end so.
 
         Raises InputError for a pattern that no file fits.
         """
         given = [named] if isinstance(named, str) else list(named)
-        if not all(name.lower().endswith(POINT_SUFFIXES) for name in given):
+        if not all(name.lower().endswith(endings) for name in given):
             return None
         names = [name for pattern in given for name in _expanded(folder, pattern)]
         return cls(folder, tuple(dict.fromkeys(names)), crs)
