@@ -36,6 +36,7 @@ from .parameters.single_image import rest_on_one
 from .reference import Reference
 from .residuals import Accuracy, Residuals, residuals
 from .scatter.from_data import FromData, from_data, image_rotations, levels_of
+from .scatter.sessions import finding_of_session, with_session
 from .scatter.sources import findings_of_sources
 from .snooping import Rejection, Snooping, fit_at, recognised, rejections, snoop
 from .trust import Finding, interval_95, judged, said
@@ -132,20 +133,11 @@ def calibrate(campaign: Campaign, estimator: Estimator, by_gls: Calibration | No
     A method that is not least squares is held against it, ``by_gls`` where that is at hand.  Raises EpochError where an
     image lies outside the orbit or attitude, InputError where there is nothing to use.
     """
-    observations = table_of(campaign)
-    used = ~campaign.sightings.check
-    if not np.any(used):
-        raise InputError(
-            f"campaign {campaign.name!r} has no observation with role control; wanted at least two markers"
-        )
-    estimate = answer(estimator(_kept(observations, used), campaign.C_EK), type(estimator).__name__)
-    verdict = np.zeros(observations.n, dtype=np.int64)
-    if estimate.verdict is not None:
-        verdict[used] = estimate.verdict
-        used = used & (verdict == int(Verdict.USED))
-    estimate, own = _answered(estimate)
-    unknowns = estimate.unknowns or Unknowns()
-    fit = fit_at(unknowns, observations, campaign.C_EK, estimate, used)
+    fit, estimate, own, verdict, used = _solved(campaign, estimator)
+    if campaign.attitude_errors.session_estimated and own.usable:
+        campaign = with_session(campaign, fit)
+        fit, estimate, own, verdict, used = _solved(campaign, estimator)
+    observations, unknowns = replace(fit.table, weight=np.ones(used.size)), fit.unknowns
     if own.usable:
         estimate = recognised(fit, estimate)
     tested = own.usable and estimate.unknowns is not None
@@ -167,6 +159,7 @@ def calibrate(campaign: Campaign, estimator: Estimator, by_gls: Calibration | No
         *_unmodelled(campaign, fit, estimate),
         *finding_of_rests_on(rests),
         *rest_on_one(fit, estimate.parameters if tested else None, campaign.images.ids),
+        *finding_of_session(campaign),
         *(Finding(sentence, False) for sentence in _remarks(estimate, untested=tested and snooping is None)),
     ]
     if own.usable and not tested:
@@ -202,6 +195,26 @@ def _reference(campaign: Campaign, used: NDArray[np.bool_], by_gls: Calibration 
     return Reference(c.status, reason, c.estimate.C_EK, c.interval_95_E)
 
 
+def _solved(
+    campaign: Campaign, estimator: Estimator
+) -> tuple[Fit, AlignmentEstimate, Status, NDArray[np.int64], NDArray[np.bool_]]:
+    """The adjustment at the estimate, this with its own status, the verdict on every sighting, and those used."""
+    observations = table_of(campaign)
+    used = ~campaign.sightings.check
+    if not np.any(used):
+        raise InputError(
+            f"campaign {campaign.name!r} has no observation with role control; wanted at least two markers"
+        )
+    estimate = answer(estimator(_kept(observations, used), campaign.C_EK), type(estimator).__name__)
+    verdict = np.zeros(observations.n, dtype=np.int64)
+    if estimate.verdict is not None:
+        verdict[used] = estimate.verdict
+        used = used & (verdict == int(Verdict.USED))
+    estimate, own = _answered(estimate)
+    fit = fit_at(estimate.unknowns or Unknowns(), observations, campaign.C_EK, estimate, used)
+    return fit, estimate, own, verdict, used
+
+
 def _chi2_p(estimate: AlignmentEstimate) -> float | None:
     """Probability of a chi-square at least as large as that of an estimate; None where it has none."""
     if estimate.chi2 is None or estimate.degrees_of_freedom is None:
@@ -225,7 +238,8 @@ def _scatter(campaign: Campaign, fit: Fit, estimate: AlignmentEstimate) -> FromD
         groups = []  # what else images may share is not to be told from what they do
     elif stated.session_sigma is not None:
         groups = groups[1:]
-    return from_data(images, estimate.C_EK, estimate.sigma_E, levels_of(images, groups))
+    levels, estimated = levels_of(images, groups), stated.session_estimated
+    return from_data(images, estimate.C_EK, estimate.sigma_E, levels, estimated=estimated)
 
 
 def _answered(estimate: AlignmentEstimate) -> tuple[AlignmentEstimate, Status]:

@@ -31,7 +31,8 @@ class SharedErrors:
     ``shared_by`` says what has one draw of the stated sigma, None where that is not stated: as "image";
     ``correlation_time_s`` makes it a process in time instead.  ``session_sigma`` (3,), or its square root (3, 3) or
     (m, 3, 3) of each image, is a further error, one draw a session, and ``wander_sigma`` (3,), or its square root
-    (3, 3), one that changes within an image over ``wander_time_s``.
+    (3, 3) or (m, 3, 3), one that changes within an image over ``wander_time_s``.  ``session_estimated`` has the sigma
+    of a session taken from the data.
     """
 
     shared_by: SharedBy | None = None
@@ -39,6 +40,7 @@ class SharedErrors:
     session_sigma: Array | None = None
     wander_sigma: Array | None = None
     wander_time_s: float = 1.0
+    session_estimated: bool = False
 
     @property
     def stated(self) -> bool:

@@ -119,6 +119,7 @@ def _attitude(c: Campaign, o: Observations) -> Iterator[Source]:
         yield from _moved(c, "attitude", "alpha_E", root)
     if stated.wander_sigma is not None:
         own = stated.wander_sigma
+        own = own[o.image] if own.ndim == 3 else own
         L = np.broadcast_to(np.diag(own) if own.ndim == 1 else own, (o.n, 3, 3))
         yield correlated("attitude wander", "turn_E", L, t_s, o.image, stated.wander_time_s)
     if stated.session_sigma is not None:

@@ -13,18 +13,35 @@ from ..text.sections import Section, wrong
 from ..text.values import (
     GCRF,
     Covariance,
+    OneOrThree,
     Positive,
     Prior,
     Sigma,
     Text,
     choice,
     frame_name,
+    one_or_three,
     printable,
 )
 from .fixed_frames import CAMERA, Frames, Rotation, written_frames
 
 EARTH_FRAMES = (*GCRF, "ITRF", "TEME", "TOD", "MOD")
 """Frames an attitude may start from or lead to."""
+
+ESTIMATE = "estimate"
+
+
+def _sigma_or_estimate(value: object) -> object:
+    if value == ESTIMATE:
+        return value
+    wanted = f'one finite number or three, none negative (0 claims an exact value), or "{ESTIMATE}"'
+    return one_or_three(wanted, lambda x: x >= 0.0)(value)
+
+
+SigmaOrEstimate = Annotated[
+    tuple[float, float, float] | Literal["estimate"],
+    BeforeValidator(_sigma_or_estimate, json_schema_input_type=OneOrThree | Literal["estimate"]),
+]
 
 _SHARED = ("image", "pass", "session", "campaign")
 Shared = Annotated[Literal["image", "pass", "session", "campaign"], choice(*_SHARED)]
@@ -103,8 +120,8 @@ class AttitudeConfig(TimedKeys):
     wander: WanderConfig | None = Field(
         default=None, description="a section with sigma_arcsec and correlation_time_s"
     )
-    session_sigma_arcsec: Sigma | None = Field(
-        default=None, description="a further error of each session, one number or three"
+    session_sigma_arcsec: SigmaOrEstimate | None = Field(
+        default=None, description='a further error of each session, one number or three, or "estimate"'
     )
 
     @property
@@ -238,9 +255,7 @@ def _fusion_rules(given: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
                 )
             elif word == "sample":
                 yield f"trackers.{i}.shared_by", 'found "sample", wanted it for one attitude only, [attitude]'
-    for i, tracker in enumerate(trackers):
-        if isinstance(tracker, dict) and "wander" in tracker:
-            yield f"trackers.{i}.wander", "found it for one of several trackers, wanted it in [attitude] only"
+    yield from _alike(trackers)
     names = [tracker_of(ends(tracker)) for tracker in trackers]
     for i, name in enumerate(names):
         if name is None or frame is None:
@@ -250,6 +265,22 @@ def _fusion_rules(given: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         if name == CAMERA:
             yield f"trackers.{i}.to", f"found {show(CAMERA)}, wanted another name: it is the camera's own"
         yield from _mounted(i, given, name, frame)
+
+
+def _alike(trackers: list[object]) -> Iterator[tuple[str, str]]:
+    """Trackers wander with one correlation time, and the error of a session is estimated of all or of none."""
+    tables = [tracker if isinstance(tracker, dict) else {} for tracker in trackers]
+    wander = [table.get("wander") for table in tables]
+    times = [each.get("correlation_time_s") if isinstance(each, dict) else None for each in wander]
+    first = next((time for time in times if time is not None), None)
+    for i, time in enumerate(times):
+        if time is not None and time != first:
+            key = f"trackers.{i}.wander.correlation_time_s"
+            yield key, f"found {show(time)}, wanted {show(first)} as for the other trackers"
+    asked = [table.get("session_sigma_arcsec") == ESTIMATE for table in tables]
+    for i, one in enumerate(asked):
+        if one != asked[0]:
+            yield f"trackers.{i}.session_sigma_arcsec", f'wanted "{ESTIMATE}" for all trackers or for none'
 
 
 def _mounted(i: int, given: Mapping[str, Any], name: str, frame: str) -> Iterator[tuple[str, str]]:

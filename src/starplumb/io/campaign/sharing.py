@@ -10,7 +10,7 @@ from ...physics.units import ARCSEC
 from ...table.campaign import SharedErrors
 from ..tables.cells import Array
 from .attitude import Exposures
-from .attitude_config import AttitudeConfig
+from .attitude_config import ESTIMATE, AttitudeConfig
 from .config import CampaignConfig, EphemerisConfig
 from .fixed_frames import way
 
@@ -21,20 +21,27 @@ def attitude_sharing(
     """Of [attitude], or of all [[trackers]], which share alike."""
     sections = list(config.attitudes.values())
     first = sections[0]
-    session = [section.session_sigma_arcsec for section in sections]
-    root: Array | None = None
-    if any(s is not None for s in session):
-        roots = [_root_E(config, section, s) for section, s in zip(sections, session, strict=True)]
-        root = roots[0]
+
+    def fused(sigmas: list[tuple[float, ...] | None]) -> Array | None:
+        """Their square root, of several trackers as their average has it; None where none is stated."""
+        if all(sigma is None for sigma in sigmas):
+            return None
+        roots = [_root_E(config, section, s) for section, s in zip(sections, sigmas, strict=True)]
         if isinstance(attitude, FusedAttitude):
-            root = attitude.root_E(exposures.of_image, np.stack(list(map(_matrix, roots))))
-    wander = first.wander
+            return attitude.root_E(exposures.of_image, np.stack(list(map(_matrix, roots))))
+        return roots[0]
+
+    estimated = any(section.session_sigma_arcsec == ESTIMATE for section in sections)
+    session = [section.session_sigma_arcsec for section in sections]
+    wander = [section.wander for section in sections]
+    times = [each.correlation_time_s for each in wander if each is not None]
     return SharedErrors(
         first.shared_by,
         first.correlation_time_s,
-        root,
-        None if wander is None else _root_E(config, first, wander.sigma_arcsec),
-        1.0 if wander is None else wander.correlation_time_s,
+        fused([None if isinstance(s, str) else s for s in session]),
+        fused([None if each is None else each.sigma_arcsec for each in wander]),
+        times[0] if times else 1.0,
+        estimated,
     )
 
 

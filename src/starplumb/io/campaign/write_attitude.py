@@ -130,7 +130,9 @@ def shared(errors: SharedErrors, unit: float, session: str) -> dict[str, object]
     Raises ValueError for errors about other axes than E's and those of a session by several trackers.
     """
     keys: dict[str, object] = {"shared_by": errors.shared_by, "correlation_time_s": errors.correlation_time_s}
-    if errors.session_sigma is not None:
+    if errors.session_estimated:
+        keys[session] = "estimate"
+    elif errors.session_sigma is not None:
         if errors.session_sigma.ndim > 1:
             raise ValueError("errors of a session about other axes than those of E cannot be written")
         keys[session] = in_unit(errors.session_sigma, unit)

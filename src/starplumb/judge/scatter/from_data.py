@@ -38,11 +38,15 @@ FEWEST = 3
 """Images from whose scatter a sigma can be told at all."""
 LANDMARKS_AT_MOST = 100
 """Landmarks seen again whose errors images are taken to share; more of them count as the images' own."""
+SEVERAL = 8
+"""Passes or sessions from which on what their images share is estimated about the weak axis by itself."""
 WEAK_AXIS = 1.5
 """Variance of the attitude about one axis, over that about the next, from which that axis is its weak one."""
 SHARE = 0.2
 """Share of the variance across from which the orbit is named beside the attitude."""
-ACROSS, ABOUT, SIGHTINGS = "across", "about", "sightings"
+ACROSS, ABOUT, SIGHTINGS, SESSION = "across", "about", "sightings", "session"
+SESSIONS = "attitude session"
+"""What the table calls the errors that are stated of sessions."""
 
 
 @dataclass(frozen=True)
@@ -149,13 +153,19 @@ def _of_landmarks(o: Observations, model: Linearised, images: ImageSums, place: 
     return np.moveaxis(by_pair.reshape(m, q, 3, 3), 1, 2).reshape(m, 3, 3 * q)
 
 
-def components(images: ImageRotations, C_EK: Array, levels: Mapping[str, Index]) -> tuple[Component, ...]:
-    """The sources of the scatter of images; ``levels`` names what images may share unstated, and which of them (m,)."""
+def components(
+    images: ImageRotations, C_EK: Array, levels: Mapping[str, Index], *, estimated: bool = False
+) -> tuple[Component, ...]:
+    """The sources of the scatter of images; ``levels`` names what images may share unstated, and which of them (m,).
+
+    The error stated of a session is a source of its own where it is ``estimated``.
+    """
     of_attitude = np.array([name.startswith("attitude") for name in images.common_of], dtype=np.bool_)
-    D, others = images.common[..., of_attitude], images.common[..., ~of_attitude]
+    of_session = np.array([estimated and name == SESSIONS for name in images.common_of], dtype=np.bool_)
+    D, others = images.common[..., of_attitude & ~of_session], images.common[..., ~of_attitude]
     mean = np.mean(images.attitude_E + D @ D.mT, axis=0)
     own = images.sightings_E - images.landmarks @ images.landmarks.mT
-    found = []
+    found, about = [], np.zeros((3, 3))
     if np.any(mean):
         about = _about(mean, _axis(mean, C_EK))
         across = np.eye(3) - about
@@ -166,9 +176,17 @@ def components(images: ImageRotations, C_EK: Array, levels: Mapping[str, Index])
         found.append(Component(ACROSS, images.position_E, others))
     within = Component(SIGHTINGS, own, images.landmarks, 1.0, images.squares, images.degrees)
     root = square_root(mean + np.mean(images.position_E, axis=0))
-    unstated = [Component(name, 0.0 * own, _columns(root, groups), 0.0) for name, groups in levels.items()]
+    found += _of_level(SESSION, images.common[..., of_session], about, 1.0)
+    unstated = [c for k, groups in levels.items() for c in _of_level(k, _columns(root, groups), about, 0.0)]
     kept = [c for c in found if np.any(c.own) or np.any(c.common)]
-    return (*kept, within, *(c for c in unstated if np.any(root)))
+    return (*kept, within, *(c for c in unstated if np.any(c.common)))
+
+
+def _of_level(name: str, Z: Array, about: Array, stated: float) -> list[Component]:
+    """What images share by columns Z (m, 3, 3 groups); of several groups about the weak axis by itself."""
+    none, apart = np.zeros((len(Z), 3, 3)), about @ Z * (Z.shape[-1] >= 3 * SEVERAL)
+    weak = Component(f"{name}, about the weak axis", none, apart, stated)
+    return [Component(name, none, Z - apart, stated), *([weak] if np.any(apart) else [])]
 
 
 def _axis(mean: Array, C_EK: Array) -> Array:
@@ -233,16 +251,22 @@ class FromData:
 
 
 def from_data(
-    images: ImageRotations, C_EK: Array, sigma_E: Array, levels: Mapping[str, Index] | None = None
+    images: ImageRotations,
+    C_EK: Array,
+    sigma_E: Array,
+    levels: Mapping[str, Index] | None = None,
+    *,
+    estimated: bool = False,
 ) -> FromData:
     """What the scatter of the images says of an answer with the stated sigmas ``sigma_E`` (3,) rad.
 
-    ``levels`` has groups of the images (m,) by what they belong to, such as a pass.
+    ``levels`` has groups of the images (m,) by what they belong to, such as a pass; ``estimated`` says that the error
+    stated of a session is itself from the data.
     """
     some, levels = images.some(AT_MOST), levels or {}
     if some is not images:
         levels = {name: g[np.searchsorted(images.image, some.image)] for name, g in levels.items()}
-    sources = components(some, C_EK, levels)
+    sources = components(some, C_EK, levels, estimated=estimated)
     p = variances.probabilities(some.d_E, sources)
     stated = np.array([c.stated for c in sources])
     as_stated = Projector(sources, stated)
@@ -292,7 +316,8 @@ def _words(images: ImageRotations, c: Component) -> str:
     if c.name == SIGHTINGS:
         return "sightings (image measurement and survey)"
     if c.name != ACROSS:
-        return f"what the images of a {c.name} share"
+        level, _, axis = c.name.partition(",")
+        return f"what the images of a {level} share{axis}"
     total = np.sum(np.trace(c.own + c.common @ c.common.mT, axis1=-2, axis2=-1))
     others = [not name.startswith("attitude") for name in images.common_of]
     orbit = np.sum(np.trace(images.position_E, axis1=-2, axis2=-1)) + np.sum(images.common[..., others] ** 2)
