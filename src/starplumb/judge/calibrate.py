@@ -199,8 +199,7 @@ def _solved(
     campaign: Campaign, estimator: Estimator
 ) -> tuple[Fit, AlignmentEstimate, Status, NDArray[np.int64], NDArray[np.bool_]]:
     """The adjustment at the estimate, this with its own status, the verdict on every sighting, and those used."""
-    observations = table_of(campaign)
-    used = ~campaign.sightings.check
+    observations, used = table_of(campaign), ~campaign.sightings.check
     if not np.any(used):
         raise InputError(
             f"campaign {campaign.name!r} has no observation with role control; wanted at least two markers"
@@ -238,16 +237,15 @@ def _scatter(campaign: Campaign, fit: Fit, estimate: AlignmentEstimate) -> FromD
         groups = []  # what else images may share is not to be told from what they do
     elif stated.session_sigma is not None:
         groups = groups[1:]
-    levels, estimated = levels_of(images, groups), stated.session_estimated
-    return from_data(images, estimate.C_EK, estimate.sigma_E, levels, estimated=estimated)
+    own = stated.session_estimated
+    return from_data(images, estimate.C_EK, estimate.sigma_E, levels_of(images, groups), estimated=own)
 
 
 def _answered(estimate: AlignmentEstimate) -> tuple[AlignmentEstimate, Status]:
     """The estimate with its own status; an answer that has a rival is judged like any other, by its findings."""
     own = Status(int(estimate.status))
-    if own is not Status.REFUTED:
-        return estimate, own
-    return replace(estimate, status=np.asarray(int(Status.OK))), Status.OK
+    as_good = replace(estimate, status=np.asarray(int(Status.OK)))
+    return (as_good, Status.OK) if own is Status.REFUTED else (estimate, own)
 
 
 def contradictions(support: Support, estimate: AlignmentEstimate, left: Residuals) -> list[Finding]:
