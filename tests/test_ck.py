@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -108,7 +110,7 @@ def write(tmp_path, kernels):
                 rest = (
                     len(ticks) - 1,
                     ticks[:-1],
-                    ticks[1:],
+                    (ticks[:-1] + ticks[1:]) / 2 if starts else ticks[1:],
                     quaternions[:-1],
                     rates[:-1],
                     np.full(len(ticks) - 1, 1e-5),
@@ -164,6 +166,17 @@ def test_other_types_are_sampled(write, kernels, rng):
     inner = slice(1, -1)
     found = Rotation.from_quat(table.q_BA_xyzw).as_matrix()[inner]
     np.testing.assert_allclose(found, by_spice(path, kernels, "SAT1_STR", table.t_ns[inner]), atol=1e-7)
+
+
+def test_a_segment_without_attitude_in_between_is_parted_there(write, kernels, rng):
+    """Intervals of half a second, half a second apart: a tenth of a second is looked at."""
+    table = read_ck(write((2, "J2000", BUS, np.arange(4.0), (0,), attitude(rng, 4))), kernels, "SAT1_STR")
+    assert len(table.segments) == 3
+    assert all(5 <= end - start <= 7 for start, end in table.segments)
+    gaps = [
+        table.t_ns[after] - table.t_ns[before - 1] for (_, before), (after, _) in pairwise(table.segments)
+    ]
+    np.testing.assert_allclose(gaps, 5e8, atol=1.1e8)
 
 
 def test_another_inertial_frame_and_an_earth_fixed_one(write, kernels, rng):

@@ -159,7 +159,7 @@ def test_spk_wrong_files(tmp_path):
     with pytest.raises(InputError, match=r"x.bsp: is not a SPICE SPK"):
         read_spk(path)
     path.write_bytes(b"DAF/SPK " + bytes(2000))
-    with pytest.raises(InputError, match="SPICE cannot use this kernel"):
+    with pytest.raises(InputError, match=r"found the format .* of numbers, wanted LTL-IEEE or BIG-IEEE"):
         read_spk(path)
     with pytest.raises(InputError, match="no such file"):
         read_spk(tmp_path / "none.bsp")

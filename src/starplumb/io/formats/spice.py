@@ -17,10 +17,14 @@ from ...physics import timescales
 from ...physics.errors import InputError
 from ...physics.units import ARCSEC
 from ..text.files import read_beginning, trouble, unpacked_file
+from .kernels.daf import require_whole
 from .series_tables import EphemerisTable, EpochArray, FloatArray
 from .spice_names import DEFAULT_IDS, FrameIds, frame_name
 
 _TT_MINUS_TAI_NS = 32_184_000_000
+_MOST_TDB_S = 6e9
+_MOST_SAMPLES = 5_000_000
+"""A year and a half every 10 s."""
 _SPK_STARTS = (b"DAF/SPK", b"NAIF/DAF")
 
 
@@ -88,6 +92,7 @@ def read_spk(
     with unpacked_file(Path(path)) as kernel, loaded(spice, path, kernel):
         body = _target(path, sorted(spice.spkobj(str(kernel))), target)
         spans = _spans(path, spice.spkcov(str(kernel), body), start_ns, stop_ns)
+        _require_few(path, spans, step_s)
         epochs = [_samples(span, step_s) for span in spans]
         tdb = np.concatenate([_tdb(span, t_ns) for span, t_ns in zip(spans, epochs, strict=True)])
         states = np.array(spice.spkezr(str(body), tdb, "J2000", "NONE", "EARTH")[0]) * 1e3
@@ -118,6 +123,8 @@ def spiceypy_module() -> ModuleType:
 @contextmanager
 def loaded(spice: ModuleType, path: str | Path, kernel: Path) -> Iterator[None]:
     """Load the kernel of the user's file ``path``, and unload it afterwards; errors of SPICE become InputError."""
+    if read_beginning(kernel).startswith(b"DAF/"):
+        require_whole(Path(path), kernel)
     try:
         spice.furnsh(str(kernel))
         try:
@@ -125,7 +132,7 @@ def loaded(spice: ModuleType, path: str | Path, kernel: Path) -> Iterator[None]:
         finally:
             spice.unload(str(kernel))
     except spice.utils.exceptions.SpiceyError as error:
-        reason = " ".join(f"{error.short} {error.long}".split())
+        reason = " ".join(f"{getattr(error, 'short', '')} {getattr(error, 'long', error)}".split())
         raise InputError(f"{path}: SPICE cannot use this kernel: {reason}") from None
 
 
@@ -155,6 +162,10 @@ def _spans(
 ) -> list[_Span]:
     """Intervals of coverage (TDB seconds, flat pairs), cut to the span asked for."""
     ends = [float(end) for end in coverage]
+    if not ends or max(map(abs, ends)) > _MOST_TDB_S:
+        raise InputError(
+            f"{path}: found no coverage, or one far from now, wanted it within {_MOST_TDB_S:g} s of 2000"
+        )
     covered = [_span(first, last) for first, last in zip(ends[::2], ends[1::2], strict=True)]
     start = covered[0].start_ns if start_ns is None else start_ns
     stop = covered[-1].stop_ns if stop_ns is None else stop_ns
@@ -168,6 +179,15 @@ def _spans(
         fault = f"nothing lies in {wanted[0]} .. {wanted[1]} TAI"
         raise InputError(f"{path}: {fault}, the kernel covers {found[0]} .. {found[1]} TAI")
     return spans
+
+
+def _require_few(path: str | Path, spans: list[_Span], step_s: float) -> None:
+    n = sum((span.stop_ns - span.start_ns) / (step_s * 1e9) for span in spans)
+    if n > _MOST_SAMPLES:
+        days = sum(span.stop_ns - span.start_ns for span in spans) / 86400e9
+        raise InputError(
+            f"{path}: found {days:.0f} days every {step_s:g} s, wanted at most {_MOST_SAMPLES} samples"
+        )
 
 
 def _samples(span: _Span, step_s: float) -> EpochArray:

@@ -28,6 +28,7 @@ from ..spice import loaded, spiceypy_module, t_ns_of_tdb
 CK_START = "DAF/CK"
 _DISCRETE = (1, 3)
 _STEP_S = 0.1
+_MOST_SAMPLES = 1_000_000
 _CK_FRAME, _TK_FRAME = 3, 4
 _MOST_TURNS = 8
 _EARTH_FIXED = "ITRF93"
@@ -171,12 +172,27 @@ def _read(
 def _sampled(
     spice: ModuleType, path: Path, structure: int, ends: FloatArray, clock: int, reference: str
 ) -> _Segment:
-    """A segment that is no list of samples, at most a tenth of a second apart."""
+    """A segment that is no list of samples, at most a tenth of a second apart; what it has no attitude for parts it."""
     first, last = (float(spice.sct2e(clock, float(tick))) for tick in ends)
-    et = np.linspace(first, last, int(np.ceil((last - first) / _STEP_S - 1e-6)) + 1)
-    ticks = np.clip([spice.sce2c(clock, float(value)) for value in et], *ends)
-    matrices = np.array([spice.ckgp(structure, float(tick), 0.0, reference)[0] for tick in ticks])
-    return _Segment(_epochs(spice, clock, ticks), so3.to_quaternion(matrices), (0,), reference)
+    n = int(np.ceil((last - first) / _STEP_S - 1e-6)) + 1
+    if not 1 <= n <= _MOST_SAMPLES:
+        raise InputError(
+            f"{path}: found a segment of {last - first:.6g} s, wanted one of {_MOST_SAMPLES * _STEP_S:g} s"
+        )
+    ticks = np.clip([spice.sce2c(clock, float(value)) for value in np.linspace(first, last, n)], *ends)
+    with spice.no_found_check():
+        answers = [spice.ckgp(structure, float(tick), 0.0, reference) for tick in ticks]
+    there = np.array([bool(found) for *_, found in answers])
+    if not there.any():
+        raise InputError(f"{path}: found a segment without attitudes, wanted at least one")
+    matrices = np.array([answer[0] for answer in answers])[there]
+    starts = np.cumsum(there)[there & ~np.roll(there, 1)] - 1
+    return _Segment(
+        _epochs(spice, clock, ticks[there]),
+        so3.to_quaternion(matrices),
+        tuple(sorted({0, *starts.tolist()})),
+        reference,
+    )
 
 
 def _epochs(spice: ModuleType, clock: int, ticks: FloatArray) -> EpochArray:
