@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from starplumb.estimators.gls import Gls
 from starplumb.io.campaign.read import load_campaign
 from starplumb.io.vendors.dimap import read_dimap
+from starplumb.io.vendors.dimap_reach import reaching
 from starplumb.io.vendors.product import import_product, read_product
 from starplumb.io.vendors.vendor import C_KV
 from starplumb.physics import so3
@@ -404,6 +405,36 @@ def test_quaternion_list_and_bands_of_a_delivered_product(tmp_path: Path) -> Non
     assert read_dimap(path, band="R").detectors.tan_x[0] == pytest.approx(-0.02)
     notices = import_product(path, tmp_path / "out", sigma_m=1.0, sigma_arcsec=1.0, band="P")
     assert any("its attitude covers the rows 100 to 800 of 0 to 1000 only" in notice for notice in notices)
+
+
+def test_samples_that_end_milliseconds_short_of_the_image_are_continued(tmp_path: Path) -> None:
+    """Of steps of 4 ms, those before 1.5 ms after the first row and after 3 ms before the last lack."""
+    whole = read_dimap(_written(tmp_path, delivered()))
+    t_ns = whole.t_ns + np.arange(1_500_000, 998_000_000, 4_000_000)
+    angle = RATE * (t_ns - whole.t_ns) * 1e-9
+    r_J = RADIUS * np.stack([np.cos(angle), 0.0 * angle, np.sin(angle)], axis=-1)
+    every, more, far = reaching(t_ns, r_J, whole.t_ns, whole.t_ns + 1_000_000_000)
+    assert every[0] <= whole.t_ns
+    assert every[-1] >= whole.t_ns + 1_000_000_000
+    assert far == whole.t_ns + 1_000_000_000 - t_ns[-1]
+    angle = RATE * (every - whole.t_ns) * 1e-9
+    np.testing.assert_allclose(
+        more, RADIUS * np.stack([np.cos(angle), 0.0 * angle, np.sin(angle)], axis=-1), rtol=0.0, atol=1e-3
+    )
+    for first, last in (
+        (t_ns[0] - 20_000_001, t_ns[-1]),
+        (t_ns[0], t_ns[-1] + 16_000_001),
+        (t_ns[0], t_ns[-1]),
+    ):
+        assert reaching(t_ns, r_J, int(first), int(last))[2] == 0
+        assert reaching(t_ns, r_J, int(first), int(last))[0].size == t_ns.size
+    q = (
+        np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+        * np.where(np.arange(angle.size) % 2, -1.0, 1.0)[:, None]
+    )
+    step = every[1] - every[0]
+    _, turned, _ = reaching(every, q, int(every[0] - step), int(every[-1]))
+    assert abs(turned[0] @ q[0]) == pytest.approx(np.cos(RATE * 4e-3), abs=1e-9)
 
 
 def test_corners_are_checked_and_told(tmp_path: Path) -> None:

@@ -21,6 +21,7 @@ from ..text.files import show
 from ..text.tree import Array, Epochs, Node, read_xml, require_increasing
 from .dimap_attitude import AttitudeSamples, quaternion_list, sampled_polynomial, telemetry
 from .dimap_frame import corners_of
+from .dimap_reach import reaching
 from .spot_dimap import LOOK_ANGLES, read_spot
 from .vendor import C_KV, AttitudeChoice, Detectors, Product
 
@@ -113,7 +114,8 @@ def read_dimap(path: Path, attitude: AttitudeChoice = "vendor", band: str | None
     raster = _raster(root, band)
     columns = raster.need("NCOLS").whole(2)
     timing = _timing(raster.need("NROWS").whole(2), layout, model)
-    orbit_t_ns, r_J = _orbit(layout, model)
+    orbit_t_ns, r_J, further_ns = reaching(*_orbit(layout, model), timing.t_ns, timing.end_ns)
+    continued = _continued(path, "orbit", further_ns)
     own = attitude == "vendor"
     chosen = telemetry(root, attitude) if attitude != "vendor" else _vendor_attitude(layout, model, timing)
     return Product(
@@ -138,7 +140,7 @@ def read_dimap(path: Path, attitude: AttitudeChoice = "vendor", band: str | None
         corners=corners_of(
             root.find("Product_Frame/Dataset_Frame") or root.find("Dataset_Content/Dataset_Extent")
         ),
-        notices=(*_row_times(root, timing), *_light(root), *chosen.notices),
+        notices=(*_row_times(root, timing), *_light(root), *continued, *chosen.notices),
     )
 
 
@@ -281,7 +283,19 @@ def _vendor_attitude(layout: _Layout, model: Node, timing: _Timing) -> AttitudeS
     listed = model.find("Attitudes/Quaternion_List")
     if listed is None:
         raise model.error("neither polynomials nor a list of quaternions", layout.polynomial)
-    return quaternion_list(listed, "ITRF", "UTC", "TIME")
+    listed_ones = quaternion_list(listed, "ITRF", "UTC", "TIME")
+    t_ns, q, further_ns = reaching(listed_ones.t_ns, listed_ones.q_EF, timing.t_ns, timing.end_ns)
+    return AttitudeSamples(
+        t_ns,
+        q / np.linalg.norm(q, axis=-1, keepdims=True),
+        "ITRF",
+        (*listed_ones.notices, *_continued(model.path, "attitude", further_ns)),
+    )
+
+
+def _continued(path: Path, what: str, further_ns: int) -> tuple[str, ...]:
+    said = f"{path}: its {what} ends up to {further_ns / 1e6:.3g} ms short of the image, and is continued"
+    return (said,) if further_ns else ()
 
 
 def _detectors(layout: _Layout, model: Node, columns: int, band: str | None, from_image: bool) -> Detectors:
