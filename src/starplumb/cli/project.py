@@ -23,7 +23,7 @@ def project(
     where: Annotated[
         list[str] | None,
         typer.Argument(
-            metavar="[LAT LON [HEIGHT] | POINTS | -]",
+            metavar="LAT LON [HEIGHT] | POINTS | -",
             help="Latitude, longitude (deg) and height above the ellipsoid (m); or a table of places with the columns "
             "of landmarks; or - for such a CSV table on standard input [default: the campaign's landmarks].",
         ),
