@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,12 +50,13 @@ class When:
 @dataclass(frozen=True)
 class Scales:
     """From what columns are counted: the first and last time of the images, their orbit's even motion (None where it
-    has none), middle and half range of each temperature."""
+    has none), middle and half range of each temperature, and the times of steps by their names."""
 
     first_ns: int
     last_ns: int
     orbit: OrbitPhase | None
     temperatures: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    steps: Mapping[str, int] = field(default_factory=dict)
 
     @classmethod
     def of(cls, when: When, orbit: OrbitPhase | None) -> Scales:
@@ -64,7 +64,7 @@ class Scales:
             name: (float(values.min()), float(values.max())) for name, values in when.temperatures.items()
         }
         scales = {name: ((low + high) / 2.0, (high - low) / 2.0) for name, (low, high) in ends.items()}
-        return cls(int(when.t_ns.min()), int(when.t_ns.max()), orbit, scales)
+        return cls(int(when.t_ns.min()), int(when.t_ns.max()), orbit, scales, steps_of(when.t_ns))
 
     @property
     def span_ns(self) -> int:
@@ -78,7 +78,8 @@ class Scales:
         if kind == LINEAR:
             return np.asarray((when.t_ns - self.first_ns) / max(self.span_ns, 1) - 0.5)
         if kind == STEP:
-            return np.where(when.t_ns > _epoch(which), 0.5, -0.5)
+            at = self.steps[name] if name in self.steps else int(parse([which], "UTC")[0])
+            return np.where(when.t_ns > at, 0.5, -0.5)
         if kind == TEMPERATURE:
             middle, half = self.temperatures[which]
             return (when.temperatures[which] - middle) / half
@@ -90,32 +91,28 @@ class Scales:
         return np.stack([self.column(name, when) for name in names], axis=-1)
 
 
-@lru_cache(maxsize=1024)
-def _epoch(text: str) -> int:
-    return int(parse([text], "UTC")[0])
-
-
 def harmonics(upto: int) -> tuple[str, ...]:
     """Names of the columns of the first harmonics."""
     return tuple(f"{ORBIT}:{k} {phase}" for k in range(1, upto + 1) for phase in ("cos", "sin"))
 
 
-def step_names(t_ns: Epochs) -> tuple[str, ...]:
-    """Steps in the middle of gaps between images (m,) that have some images on either side."""
+def steps_of(t_ns: Epochs) -> dict[str, int]:
+    """Steps in the middle of gaps between images (m,) that have some images on either side, and their times."""
     t = np.sort(t_ns)
     after = np.arange(EITHER_SIDE, t.size - EITHER_SIDE + 1)
     after = after[np.diff(t)[after - 1] > 2 * 10**9] if t.size > 1 else after[:0]
     if after.size > MOST_STEPS:
         after = after[np.linspace(0, after.size - 1, MOST_STEPS).astype(np.int64)]
     middle = t[after - 1] + (t[after] - t[after - 1]) // 2
-    return tuple(f"{STEP}:{time}" for time in format_iso(middle, "UTC", 0))
+    times = format_iso(middle, "UTC", 0)
+    return {f"{STEP}:{time}": int(at) for time, at in zip(times, parse(times, "UTC"), strict=True)}
 
 
 def families(when: When, scales: Scales) -> dict[str, tuple[tuple[str, ...], ...]]:
     """What can be tested on images: by name alternatives of the same number of columns, one of them or more."""
     tried: dict[str, tuple[tuple[str, ...], ...]] = {LINEAR: ((LINEAR,),)}
-    if steps := step_names(when.t_ns):
-        tried[STEP] = tuple((name,) for name in steps)
+    if scales.steps:
+        tried[STEP] = tuple((name,) for name in scales.steps)
     if scales.orbit is not None:
         tried |= {f"{ORBIT}:{k}": (harmonics(k),) for k in range(1, HARMONICS + 1)}
     tried |= {
