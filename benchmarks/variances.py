@@ -77,6 +77,7 @@ ROWS = [
     Row("none, 20 images", 20),
     Row("none, 2 passes x 4 images", 8, groups=(2, 4)),
     Row("none, 5 passes x 4 images", 20, groups=(5, 4)),
+    Row("none, 10 passes x 4 images", 40, groups=(10, 4)),
     Row("attitude stated half, 4 images", 4, stated=(0.5, 1.0)),
     Row("attitude stated half, 5 images", 5, stated=(0.5, 1.0)),
     Row("attitude stated half, 10 images", 10, stated=(0.5, 1.0)),
