@@ -243,6 +243,10 @@ def with_samples(campaign, step_s, change, offset_s=0.37, half_s=9.0):
     return replace(campaign, attitude=attitude)
 
 
+def still(t):
+    return np.zeros((t.size, 3))
+
+
 def tilt(amplitude, period_s):
     """A swing about two axes that is zero at the image itself, where the attitude is the true one."""
     return lambda t: (
@@ -314,6 +318,49 @@ def test_a_sample_a_few_sigmas_off_is_wrong_only_if_its_neighbours_agree_closely
     q[k] = so3.to_quaternion(so3.exp(np.array([25.0, 0.0, 0.0]) * ARCSEC) @ so3.from_quaternion(q[k]))
     done = calibrate(replace(sampled, attitude=replace(series, q_EF=q)), Gls())
     assert ("sample" in kinds(done)) is named
+
+
+@pytest.mark.parametrize("offset_s", [0.0, 0.1])
+@pytest.mark.parametrize("seed", [235, 236])
+def test_a_wrong_sample_under_every_image_is_no_answer_within_its_interval(seed, offset_s):
+    """The sample on which each image rests is 60 arcsec off about x, all alike, so that the images agree."""
+    campaign, C_EK_true = demo("frame", 5, seed)
+    sampled = with_samples(campaign, 0.25, still, offset_s=offset_s)
+    series = sampled.one_attitude
+    k = np.argmin(np.abs(series.t_ns[:, None] - campaign.images.t_ns), axis=0)
+    q = series.q_EF.copy()
+    q[k] = so3.to_quaternion(so3.exp(np.array([60.0, 0.0, 0.0]) * ARCSEC) @ so3.from_quaternion(q[k]))
+    done = calibrate(replace(sampled, attitude=replace(series, q_EF=q)), Gls())
+    assert "sample" in kinds(done) or "scatter" in kinds(done)
+    assert done.status is Status.WEAK
+    assert held(done, C_EK_true, 2.0)
+
+
+def test_samples_that_alternate_are_not_trusted_where_images_lie_on_them():
+    """Every second sample 60 arcsec off, and the images lie on those."""
+    campaign, C_EK_true = demo("frame", 5, 237)
+    sampled = with_samples(campaign, 0.25, still, offset_s=0.0)
+    series = sampled.one_attitude
+    k = np.argmin(np.abs(series.t_ns[:, None] - campaign.images.t_ns), axis=0)
+    q = series.q_EF.copy()
+    for image in k:
+        odd = np.arange(image % 2, q.shape[0], 2)
+        odd = odd[np.abs(series.t_ns[odd] - series.t_ns[image]) < 8e9]
+        turn = so3.exp(np.array([60.0, 0.0, 0.0]) * ARCSEC)
+        q[odd] = so3.to_quaternion(turn @ so3.from_quaternion(q[odd]))
+    done = calibrate(replace(sampled, attitude=replace(series, q_EF=q)), Gls())
+    assert "scatter" in kinds(done)
+    assert held(done, C_EK_true, 2.0)
+
+
+def test_a_sample_for_each_image_says_nothing_of_the_next():
+    """Samples a minute apart, an image on each: no interpolation, and no prediction from one to the next."""
+    t = ns(60.0 * np.arange(12.0))
+    far = Attitude(t, np.tile([0.0, 0.0, 0.0, 1.0], (12, 1)), "ITRF")
+    assert between(far, t[2:10]).query.size == 0
+    near = Attitude(t // 60, far.q_EF, "ITRF")
+    assert between(near, near.t_ns[2:10]).query.size == 8
+    np.testing.assert_allclose(between(near, near.t_ns[2:10]).product, 0.0, atol=1e-12)
 
 
 def test_weights_halfway_between_samples_are_the_cubics():

@@ -15,6 +15,7 @@ from starplumb.physics import so3
 from starplumb.physics.camera import LineScanCamera
 from starplumb.physics.units import ARCSEC, DEG
 from starplumb.table.geometry import project
+from starplumb.table.parameter_names import parameters
 
 DIRECTIONS = [90.0, *(pytest.param(other, marks=pytest.mark.slow) for other in (30.0, 135.0, 180.0, 270.0))]
 
@@ -71,3 +72,13 @@ def test_a_simulated_line_is_flown_across_the_track(degrees):
     wanted, found = truth(LINE, images=2), truth(line(degrees), images=2)
     np.testing.assert_allclose(found.C_EK, C_EK_TRUE)
     np.testing.assert_allclose(found.landmarks.r_J, wanted.landmarks.r_J, rtol=0, atol=1e-4)
+
+
+@pytest.mark.parametrize("degrees", DIRECTIONS)
+def test_look_angles_are_those_along_the_line_and_across_it(along_x, degrees):
+    """Degree 1 across the line is a turn of the camera and no look angle, whichever way the line runs."""
+    found = [calibrate(c, Gls(parameters(["look_angles"], c))) for c in (along_x, turned(along_x, degrees))]
+    sigmas = [np.sqrt(np.diagonal(one.estimate.parameters.covariance)) for one in found]
+    np.testing.assert_allclose(sigmas[1], sigmas[0], rtol=1e-4)
+    sigmas = [one.estimate.sigma_E for one in found]
+    np.testing.assert_allclose(sigmas[1], sigmas[0], rtol=1e-4)

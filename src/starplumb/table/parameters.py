@@ -186,12 +186,17 @@ def _photographed(W: Array) -> tuple[Array, Array]:
     return np.moveaxis(W[2:4], 0, -1), np.moveaxis(W[6:10], 0, -1).reshape(*W.shape[1:], 2, 2)
 
 
+ALONG_Y = 1e-9
+"""Part of a line's length along x from which on it counts as along y."""
+
+
 @dataclass(frozen=True)
 class LookAngles:
     """Look directions of a line of detectors: Legendre polynomials of the column, added to the tangents (rad).
 
-    ``names`` are ``look_x_j`` and ``look_y_j``: ``tan_x += a_j P_j(u)``, ``tan_y += b_j P_j(u)`` with u = -1 .. 1 over
-    the columns of the camera's table.  Degree 0 of both and degree 1 of y are rotations of the camera.
+    ``names`` are ``look_x_j`` along the line and ``look_y_j`` across it: ``xy_K += (a_j d + b_j n) P_j(u)`` with
+    u = -1 .. 1 over the columns of the camera's table, d the direction from one end of the line to the other, towards
+    growing tan_x, and n a quarter turn from it.  Degree 0 of both and degree 1 of y are rotations of the camera.
     """
 
     camera: LineScanCamera
@@ -202,6 +207,16 @@ class LookAngles:
     def length(self) -> float:
         """Length of the line, rad."""
         return max(float(np.ptp(self.camera.tan_x)), float(np.ptp(self.camera.tan_y)))
+
+    @property
+    def axes(self) -> Array:
+        """Directions (2, 2), rows, along the line and across it."""
+        c = self.camera
+        x, y = (float(tangent[-1] - tangent[0]) for tangent in (c.tan_x, c.tan_y))
+        size = float(np.hypot(x, y))
+        x, y = x / size, y / size
+        sign = 1.0 if (y > 0.0 if abs(x) < ALONG_Y else x > 0.0) else -1.0
+        return sign * np.array([[x, y], [-y, x]])
 
     @property
     def reach(self) -> float:
@@ -222,10 +237,10 @@ class LookAngles:
         basis = np.zeros((*xy_K.shape, len(self.names)))
         slope = np.zeros_like(basis)
         for i, name in enumerate(self.names):
-            axis, degree = "xy".index(name[5]), int(name[7:])
+            direction, degree = self.axes["xy".index(name[5])], int(name[7:])
             series = np.eye(degree + 1)[degree]
-            basis[..., axis, i] = legendre.legval(u, series)
-            slope[..., axis, i] = legendre.legval(u, legendre.legder(series)) / half
+            basis[..., i] = legendre.legval(u, series)[..., None] * direction
+            slope[..., i] = legendre.legval(u, legendre.legder(series))[..., None] / half * direction
         return basis, slope
 
     def apply(self, observations: Observations, value: Array) -> Observations:

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...physics import so3
-from ...physics.series import COINCIDENCE_NS, Attitude, lagrange, seconds
+from ...physics.series import COINCIDENCE_NS, LONE_PAIR_S, Attitude, lagrange, seconds
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -65,11 +65,15 @@ class Between:
 
 
 def between(attitude: Attitude, t_ns: Epochs) -> Between:
-    """Where epochs (m,) lie among the samples; those on a sample, and those that cannot be checked, are left out."""
-    right = np.searchsorted(attitude.t_ns, t_ns)
-    near = np.stack([np.clip(right - 1, 0, None), np.clip(right, None, attitude.t_ns.size - 1)])
-    apart = np.min(np.abs(attitude.t_ns[near] - t_ns), axis=0) > COINCIDENCE_NS
-    covered = np.flatnonzero(attitude.bursts.covers(t_ns) & apart)
+    """Where epochs (m,) lie among the samples; those that cannot be checked are left out.
+
+    One on a sample rests on that alone: interpolation misses nothing there, and the sample's own error is the image's.
+    It can be checked where the next samples are as near as those of a pair that is a series.
+    """
+    right = np.clip(np.searchsorted(attitude.t_ns, t_ns), 1, attitude.t_ns.size - 1)
+    apart = np.abs(attitude.t_ns[np.stack([right - 1, right])] - t_ns)
+    alone = (np.min(apart, axis=0) <= COINCIDENCE_NS) & (np.max(apart, axis=0) > LONE_PAIR_S * 1e9)
+    covered = np.flatnonzero(attitude.bursts.covers(t_ns) & ~alone)
     first, last = attitude.bursts.bounds
     for query, nodes in attitude.bursts.windows(t_ns[covered], NODES, attitude.name):
         if nodes.shape[1] == NODES:
