@@ -236,7 +236,7 @@ def _scatter(campaign: Campaign, fit: Fit, estimate: AlignmentEstimate) -> FromD
     if stated.moved or campaign.position_errors.moved:
         groups = []  # what else images may share is not to be told from what they do
     elif stated.session_sigma is not None:
-        groups = groups[1:]
+        groups = [] if stated.session_estimated else groups[1:]
     own = stated.session_estimated
     return from_data(images, estimate.C_EK, estimate.sigma_E, levels_of(images, groups), estimated=own)
 

@@ -184,9 +184,12 @@ def components(
 
 def _of_level(name: str, Z: Array, about: Array, stated: float) -> list[Component]:
     """What images share by columns Z (m, 3, 3 groups); of several groups about the weak axis by itself."""
-    none, apart = np.zeros((len(Z), 3, 3)), about @ Z * (Z.shape[-1] >= 3 * SEVERAL)
-    weak = Component(f"{name}, about the weak axis", none, apart, stated)
-    return [Component(name, none, Z - apart, stated), *([weak] if np.any(apart) else [])]
+    none, apart = np.zeros((len(Z), 3, 3)), about @ Z
+    sizes = np.max(np.abs(Z - apart), initial=0.0), np.max(np.abs(apart), initial=0.0)
+    if Z.shape[-1] < 3 * SEVERAL or min(sizes) < 0.03 * max(sizes):  # a part found to be 0 is no source
+        return [Component(name, none, Z, stated)]
+    weak = f"{name}, about the weak axis"
+    return [Component(name, none, Z - apart, stated), Component(weak, none, apart, stated)]
 
 
 def _axis(mean: Array, C_EK: Array) -> Array:

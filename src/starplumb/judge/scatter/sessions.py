@@ -16,6 +16,8 @@ from ..trust import Finding
 from . import variances
 from .from_data import SESSION, components, image_rotations, levels_of
 
+LEAST = 0.01
+"""Variance of what a session's images share, over that of one image, below which it is taken for none."""
 FEW_SESSIONS = 5
 """Sessions below which the interval is wider by much, and this is said."""
 
@@ -36,6 +38,7 @@ def with_session(campaign: Campaign, fit: Fit) -> Campaign:
         )
     sources = components(images, fit.state.C_EK, levels)
     factors = variances.estimate(images.d_E, sources).f
+    factors = np.where(factors < LEAST, 0.0, factors)
     shared = [(f, c.common[0]) for f, c in zip(factors, sources, strict=True) if c.name.startswith(SESSION)]
     root = square_root(np.sum([f * Z @ Z.T for f, Z in shared], axis=0))
     return replace(campaign, attitude_errors=replace(campaign.attitude_errors, session_sigma=root))
