@@ -21,7 +21,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 
 from problems import C_EK_TRUE, FRAME, LINE, truth
 from starplumb.estimators.gls import Gls
-from starplumb.judge.scatter.from_data import from_data, image_rotations, levels_of
+from starplumb.judge.scatter.from_data import from_data, levels_of
+from starplumb.judge.scatter.rotations import image_rotations
 from starplumb.judge.scatter.sources import findings_of_sources
 from starplumb.judge.snooping import fit_at
 from starplumb.physics import so3

@@ -91,7 +91,7 @@ def test_every_document_has_a_schema(kind):
 
 
 def test_keys_of_later_versions_are_kept(result):
-    text = json_text(result | {"interval_95_arcsec": [1.0, 2.0, 3.0]})
+    text = json_text(result | {"of_a_later_version": [1.0, 2.0, 3.0]})
     assert ResultDocument.from_json(text, "result.json").to_json() == text
 
 
@@ -122,6 +122,8 @@ C = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
         ("covariance_arcsec2", [[1.0, 0.5, 0.0], *C[1:]], "not symmetric"),
         ("covariance_arcsec2", [[float("nan"), 0.0, 0.0], *C[1:]], "covariance_arcsec2.0.0: found nan"),
         ("covariance_arcsec2", [[None, 0.0, 0.0], *C[1:]], "found null in a usable result"),
+        ("covariance_arcsec2", [[0.0] * 3] * 3, "found a variance that is 0; no mounting is known exactly"),
+        ("interval_95_arcsec", [1e-3] * 3, "found half-widths below the sigmas of covariance_arcsec2"),
         ("sigma_arcsec", "small", "sigma_arcsec"),
         (
             "sigma_arcsec",

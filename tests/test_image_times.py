@@ -11,7 +11,8 @@ from scipy import stats
 from problems import C_EK_TRUE, FRAME, truth
 from starplumb.estimators.gls import Gls
 from starplumb.judge import calibrate as judge
-from starplumb.judge.scatter.from_data import FromData, SourceFound, from_data, image_rotations
+from starplumb.judge.scatter.from_data import FromData, SourceFound, from_data
+from starplumb.judge.scatter.rotations import image_rotations
 from starplumb.judge.scatter.sources import findings_of_sources
 from starplumb.judge.scatter.times import TimesFound, times_found
 from starplumb.judge.scatter.variances import Component, Projector

@@ -25,7 +25,8 @@ from starplumb.judge.contradictions import (
 )
 from starplumb.judge.parameters.separability import Combination, inseparable
 from starplumb.judge.residuals import Accuracy
-from starplumb.judge.scatter.from_data import ImageRotations, from_data, image_rotations
+from starplumb.judge.scatter.from_data import from_data
+from starplumb.judge.scatter.rotations import ImageRotations, image_rotations
 from starplumb.judge.snooping import fit_at
 from starplumb.judge.trust import Finding, interval_95, judged, probability, said
 from starplumb.physics import so3

@@ -12,15 +12,8 @@ from problems import C_EK_TRUE, FRAME, truth
 from starplumb.documents.from_calibration import result_document
 from starplumb.estimators.gls import Gls
 from starplumb.judge import calibrate as judge
-from starplumb.judge.scatter.from_data import (
-    SIGHTINGS,
-    FromData,
-    ImageRotations,
-    SourceFound,
-    from_data,
-    image_rotations,
-    levels_of,
-)
+from starplumb.judge.scatter.from_data import SIGHTINGS, FromData, SourceFound, from_data, levels_of
+from starplumb.judge.scatter.rotations import ImageRotations, image_rotations
 from starplumb.judge.scatter.sources import findings_of_sources
 from starplumb.judge.scatter.variances import Component, Projector, estimate, probabilities
 from starplumb.judge.snooping import fit_at

@@ -223,6 +223,7 @@ class ResultDocument(Document):
                 P = np.array(self.covariance_arcsec2, dtype=np.float64)
                 _require_covariance(P)
                 _require_one_sigma(P, self.sigma_arcsec)
+                _require_wide_enough(P, self.interval_95_arcsec)
         return self
 
     @property
@@ -277,6 +278,16 @@ def _require_one_sigma(P: NDArray[np.float64], sigma: Numbers3 | None) -> None:
         raise ValueError("sigma_arcsec: found other sigmas than the roots of covariance_arcsec2's diagonal")
 
 
+def _require_wide_enough(P: NDArray[np.float64], half: Numbers3 | None) -> None:
+    """An interval that was narrowed by hand: it is never less than the sigma."""
+    if (
+        half is not None
+        and None not in half
+        and np.any(np.array(half, dtype=np.float64) < np.sqrt(np.diagonal(P)))
+    ):
+        raise ValueError("interval_95_arcsec: found half-widths below the sigmas of covariance_arcsec2")
+
+
 def _require_covariance(P: NDArray[np.float64]) -> None:
     if not np.all(np.isfinite(P)):
         raise ValueError("covariance_arcsec2: found null in a usable result")
@@ -288,3 +299,5 @@ def _require_covariance(P: NDArray[np.float64]) -> None:
         raise ValueError(
             f"covariance_arcsec2: found a negative variance ({least:.3g} arcsec^2 along one direction)"
         )
+    if not np.all(np.diagonal(P) > 0.0):
+        raise ValueError("covariance_arcsec2: found a variance that is 0; no mounting is known exactly")

@@ -35,7 +35,8 @@ from .parameters.separability import Combination, combinations, inseparable, rui
 from .parameters.single_image import rest_on_one
 from .reference import Reference
 from .residuals import Accuracy, Residuals, residuals
-from .scatter.from_data import FromData, from_data, image_rotations, levels_of
+from .scatter.from_data import FromData, from_data, levels_of
+from .scatter.rotations import image_rotations
 from .scatter.sessions import finding_of_session, with_session
 from .scatter.sources import findings_of_sources
 from .snooping import Rejection, Snooping, fit_at, recognised, rejections, snoop

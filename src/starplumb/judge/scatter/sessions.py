@@ -14,7 +14,8 @@ from ...table.campaign import Campaign
 from ...table.sharing import sessions
 from ..trust import Finding
 from . import variances
-from .from_data import SESSION, components, image_rotations, levels_of
+from .from_data import SESSION, components, levels_of
+from .rotations import image_rotations
 
 LEAST = 0.01
 """Variance of what a session's images share, over that of one image, below which it is taken for none."""
