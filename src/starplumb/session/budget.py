@@ -128,7 +128,7 @@ def _sentences(found: dict[str, Any]) -> Iterator[str]:
         for sentence in method["in_words"]:
             yield f"{name}: {sentence}"
     if found["motion"] is not None:
-        yield f"a motion of the mounting: {found['motion']['in_words']}"
+        yield f"a motion of the mounting: {found['motion']['in_words']} found"
     for name in found["left_out"]:
         yield f"left out: {name} (blunders are not noise)"
     if found["target"] is not None:

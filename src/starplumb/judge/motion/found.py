@@ -123,8 +123,10 @@ def finding_of(found: Moves | None, covariance_E: Array | None, *, taken_out: bo
 def would_be_found(found: Moves) -> str:
     """From which size on a motion is found, in words."""
     sine = any(test.name == f"{ORBIT}:1" for test in found.tests)
-    size = np.inf if found.detectable is None else found.detectable / ARCSEC
-    return f"one {'with the orbit' if sine else 'over the span'} would be from {size:.2g} arcsec on"
+    if found.detectable is None:
+        return "none could be, in these images"
+    where = "with the orbit" if sine else "over the span"
+    return f"one of {found.detectable / ARCSEC:.2g} arcsec or more {where} would be"
 
 
 def reach(motion: Motion, when: When) -> Array:
