@@ -490,7 +490,7 @@ BAD = {
     ),
     "both sides": (('from = "ITRF"\nto = "str_2"', 'from = "ITRF"\nto = "GCRF"'), "trackers.1.from: found"),
     "file": (('"second.csv"', '"third.csv"'), "trackers.1.file:"),
-    "ending": (('"second.csv"', '"second.txt"'), 'trackers.1.file: found "second.txt"'),
+    "ending": (('"second.csv"', '"second.txt"'), "second.txt: found no such file, wanted a readable file"),
     "sigma zero": ((STR_2, STR_2.replace("[5.0, 5.0, 12.0]", "0")), "trackers.1.sigma_arcsec: found 0"),
     "no sigma": (
         (STR_2, STR_2.replace("sigma_arcsec = [5.0, 5.0, 12.0]\n", "")),

@@ -87,7 +87,7 @@ class RestsOn:
     def sentence(self) -> str:
         axis = int(np.argmin(self.matters))
         size = f"{self.matters[axis]:.2g} {self.of.unit}"
-        known = f"about {'xyz'[axis]} the answer rests on {self.of.words} known to {size}"
+        known = f"{'xyz'[axis]} rests on {self.of.words} known to {size}"
         if self.of.key is None:
             return known
         if self.grown[axis] > HOPELESS:
