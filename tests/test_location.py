@@ -145,7 +145,7 @@ def test_a_weak_answer_is_as_good_as_its_interval(calibrated):
     sigma = np.array(model["sigma_arcsec"])
     edit(
         calibrated,
-        lambda d: d.update(covariance_arcsec2=np.zeros((3, 3)).tolist(), sigma_arcsec=[0.0, 0.0, 0.0]),
+        lambda d: d.update(covariance_arcsec2=(1e-12 * np.eye(3)).tolist(), sigma_arcsec=[1e-6] * 3),
     )
     alone = located(calibrated, named)
     edit(

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from command import starplumb
 from starplumb.cli.app import app
 from starplumb.estimators.gls import Gls
 from starplumb.io.campaign.read import load_campaign
@@ -154,6 +155,8 @@ def test_a_campaign_from_asp_points_gives_the_same_answer(tmp_path):
     path = write_campaign(tmp_path, campaign)
     (tmp_path / "control.gcp").write_text(as_asp(campaign))
     wanted = calibrate(load_campaign(path).campaign, Gls())
+    for table in ("landmarks.csv", "observations.csv"):
+        (tmp_path / table).unlink()
     result = run(tmp_path / "control.gcp", "--out", tmp_path)
     assert result.exit_code == 0, result.output
     found = calibrate(load_campaign(path).campaign, Gls())
@@ -260,3 +263,21 @@ def test_without_the_library_of_maps_nothing_is_begun(tmp_path, monkeypatch):
     assert isinstance(result.exception, InputError)
     assert "starplumb[gis]" in str(result.exception)
     assert not (tmp_path / "result").exists()
+
+
+def test_no_table_is_replaced_that_the_command_has_not_written(shared_cases, tmp_path):
+    """A campaign's own landmarks stay; the same points once more are written once more."""
+    points = shared_cases / "points" / "image_names.gcp"
+    once = starplumb("points", points, "--out", tmp_path / "new")
+    again = starplumb("points", points, "--out", tmp_path / "new")
+    assert (once.status, again.status) == (0, 0)
+    for name in ("landmarks.csv", "observations.csv"):
+        folder = tmp_path / name[:-4]
+        folder.mkdir()
+        (folder / name).write_text("mine,by,hand\n", encoding="utf-8")
+        refused = starplumb("points", points, "--out", folder)
+        assert refused.status == 2
+        assert f"{folder / name}: found a file that holds something else" in refused.err
+        assert refused.err.count("\n") == 1
+        assert (folder / name).read_text(encoding="utf-8") == "mine,by,hand\n"
+        assert [path.name for path in folder.iterdir()] == [name]

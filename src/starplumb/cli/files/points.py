@@ -43,7 +43,7 @@ def points(
     with such names, and control points in the tags of a .tif. The pixels written have (0, 0) at the centre of the first
     pixel. A file that names no image is of the image that has its name; points at the very same place are one landmark.
     QGIS keeps no heights: give a DEM, and say what its heights are above; heights of the other files are taken as
-    ellipsoidal unless --heights geoid says otherwise.
+    ellipsoidal unless --heights geoid says otherwise. Tables that are in --out already are not replaced.
 
     Examples:
 
@@ -56,7 +56,7 @@ def points(
     """
     from ...io.campaign.marks.ground_tables import Sigmas, tables
     from ...io.gis.heights import Ground
-    from ...io.text.write import publish
+    from ...io.text.write import publish_beside
 
     speak = Output(json, quiet, verbose)
     found, notices = tables(
@@ -65,7 +65,7 @@ def points(
         Sigmas(_three("--sigma-m", sigma_m), sigma_px),
         crs,
     )
-    publish(out, found.files)
+    publish_beside(out, found.files)
     speak.notices(notices)
     speak.detail(*(f"read {path}" for path in files))
     speak.document({"landmarks": found.landmarks, "observations": found.observations, "images": found.images})

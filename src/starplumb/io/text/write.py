@@ -18,6 +18,25 @@ _ROWS = 1 << 12
 _WORDS = {"NaN": "nan", "Infinity": "inf", "-Infinity": "-inf"}
 
 
+def publish_beside(folder: Path, files: Mapping[str, str]) -> None:
+    """:func:`publish` into a folder that may hold a user's own files: none of them is replaced.
+
+    A file that already holds the very text counts as written.  Raises InputError about one that holds another.
+    """
+    for name, text in files.items():
+        place = folder / name
+        try:
+            other = place.exists() and place.read_bytes() != text.encode("utf-8")
+        except OSError:
+            other = True
+        if other:
+            raise InputError(
+                f"{place}: found a file that holds something else, wanted a folder without it; give another --out, or "
+                "move the file away"
+            )
+    publish(folder, files)
+
+
 def publish(folder: Path, files: Mapping[str, str | Iterable[str]], instead_of: Sequence[str] = ()) -> None:
     """Write text files into ``folder`` (made if need be), all or none; a large text may come in pieces.
 
