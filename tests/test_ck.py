@@ -124,7 +124,9 @@ def write(tmp_path, kernels):
 
 
 def attitude(rng, n, rate=1e-3):
-    return Rotation.from_rotvec(rate * np.arange(n)[:, None] * [0.3, -0.5, 0.8]) * Rotation.random(rng=rng)
+    return Rotation.from_rotvec(rate * np.arange(n)[:, None] * [0.3, -0.5, 0.8]) * Rotation.from_quat(
+        rng.standard_normal(4)
+    )
 
 
 def by_spice(path, kernels, frame, t_ns):

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner as ClickRunner
 from typer.testing import CliRunner
 
 from starplumb.cli.app import app
@@ -22,6 +21,7 @@ from starplumb.physics.units import ARCSEC, DEG
 
 pytest.importorskip("pyproj", reason="needs the extra gis")
 rasterio = pytest.importorskip("rasterio", reason="needs the extra gis")
+ClickRunner = pytest.importorskip("click.testing", reason="needs the extra gis").CliRunner
 
 CASES = Path(__file__).resolve().parents[2] / "shared" / "cases"
 needs_cases = pytest.mark.skipif(not CASES.is_dir(), reason="shared/cases is not beside the checkout")

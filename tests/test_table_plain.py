@@ -265,10 +265,15 @@ def test_large_files_are_read_by_pyarrow(
     assert len(calls) == quick
 
 
+POOLS: list[pa.MemoryPool] = []
+"""Pools that outlive what was allocated in them: PyArrow frees through a pool that it does not keep."""
+
+
 def test_the_text_is_never_in_memory_as_a_whole(tmp_path: Path) -> None:
     path = written(tmp_path, "x,note\n" + f"1.25,{'n' * 90}\n" * 300_000)
     usual = pa.default_memory_pool()
     watched = pa.proxy_memory_pool(usual)
+    POOLS.append(watched)
     pa.set_memory_pool(watched)
     try:
         found = read_large_csv(path, Schema((), ("x",)))

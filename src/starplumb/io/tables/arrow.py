@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...physics.errors import InputError
-from ..text.files import show
+from ..text.files import composed, show
 from .cells import NUMBER, Array, Columns, cell_error, none_kept, to_numbers
 from .csv_rows import CsvLines
 from .schema import Schema
@@ -124,11 +124,15 @@ def _line_of_row(path: Path, header_line: int) -> Callable[[int], int]:
 
 def _trimmed(column: Any) -> Any:
     """Texts in one spelling (NFC) without blanks around them."""
+    import pyarrow
     from pyarrow import compute
 
     trimmed = compute.utf8_trim_whitespace(column)
-    plain = compute.all(compute.string_is_ascii(trimmed)).as_py() in (True, None)
-    return trimmed if plain else compute.utf8_normalize(trimmed, form="NFC")
+    if compute.all(compute.string_is_ascii(trimmed)).as_py() in (True, None):
+        return trimmed
+    # by Python: PyArrow 18 takes some texts apart where it should join them
+    texts = (None if text is None else composed(text) for text in trimmed.to_pylist())
+    return pyarrow.chunked_array([pyarrow.array(texts, pyarrow.string())])
 
 
 def _first_empty(column: Any) -> int | None:
