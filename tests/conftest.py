@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import zlib
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -37,3 +38,13 @@ def shared_cases() -> Path:
     if not folder.is_dir():
         pytest.skip(f"cases not found at {folder}")
     return folder
+
+
+@pytest.fixture
+def clean_pool() -> Iterator[None]:
+    """No test may leave a SPICE kernel behind, nor find one."""
+    spice = pytest.importorskip("spiceypy")
+    spice.kclear()
+    yield
+    assert spice.ktotal("ALL") == 0
+    spice.kclear()

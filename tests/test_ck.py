@@ -68,13 +68,7 @@ T0 = 631_000_000.0
 """TDB of the first sample, in December 2019."""
 
 
-@pytest.fixture(autouse=True)
-def _clean_pool():
-    """No test may leave a kernel behind, nor find one."""
-    spice.kclear()
-    yield
-    assert spice.ktotal("ALL") == 0
-    spice.kclear()
+pytestmark = pytest.mark.usefixtures("clean_pool")
 
 
 @pytest.fixture

@@ -13,7 +13,8 @@ from starplumb.estimators.gls import Gls
 from starplumb.estimators.protocol import Status
 from starplumb.io.campaign.read import load_campaign
 from starplumb.io.campaign.write import write_campaign
-from starplumb.judge.calibrate import calibrate, shares
+from starplumb.judge.calibrate import calibrate
+from starplumb.judge.error_shares import shares
 from starplumb.physics import so3
 from starplumb.physics.errors import InputError
 from starplumb.session.calibration import estimator_of

@@ -25,8 +25,8 @@ from starplumb.io.tables.declared import Declared
 from starplumb.judge.calibrate import calibrate
 from starplumb.judge.motion.asked import columns_asked
 from starplumb.judge.motion.averaging import averaged, structures
-from starplumb.judge.motion.directed import FOUND_P, directed_tests
-from starplumb.judge.motion.estimated import calibrate_moving
+from starplumb.judge.motion.directed import FOUND_P, _weights, directed_tests
+from starplumb.judge.motion.estimated import _answer, calibrate_moving
 from starplumb.judge.motion.regressors import Scales, When, families, harmonics, told_apart
 from starplumb.judge.motion.sums import ImageSums, image_sums
 from starplumb.judge.snooping import fit_at
@@ -483,3 +483,51 @@ def test_locate_uses_the_mounting_at_the_time_of_the_image(rng):
             replace(moved, loaded=mean), "model", image=campaign.images[i], height_m=float(height), **pixel
         )
         assert np.linalg.norm(np.array(rests.document["itrf_m"]) - marker) > 300.0
+
+
+def test_a_kind_of_motion_may_be_alarmed_by_as_often_as_another():
+    """Drift, step and orbit have a third each: two places of a step a sixth, of three harmonics the first a half."""
+    families = {
+        "linear": (("linear",),),
+        "step": (("step:1",), ("step:2",)),
+        "orbit:1": ((),),
+        "orbit:2": ((),),
+        "orbit:3": ((),),
+    }
+    shares = _weights(families)
+    assert shares == pytest.approx(
+        {"linear": 1 / 3, "step": 1 / 6, "orbit:1": 1 / 6, "orbit:2": 1 / 12, "orbit:3": 1 / 12}
+    )
+    assert _weights({"orbit:1": ((),)}) == {"orbit:1": 1.0}
+
+
+def test_a_harmonic_is_combined_with_what_else_the_images_can_tell():
+    steps = (("step:1",), ("step:2",))
+    found = structures({"orbit:1": (harmonics(1),), "step": steps, "temperature:a": (("temperature:a",),)})
+    assert list(found) == ["constant", "orbit:1", "step", "temperature:a", "orbit:1+step"]
+    assert found["orbit:1+step"] == tuple((*harmonics(1), *names) for names in steps)
+
+
+def test_what_an_estimated_motion_adds_widens_the_interval(rng):
+    """As independent errors add: the squares of the half-widths."""
+    still = calibrate(moving(rng, 0.0), Gls())
+    moves = calibrate_moving(moving(rng, 400.0), Gls(), "linear").moves
+    wide = replace(moves.motion, covariance=100.0 * moves.motion.covariance)
+    found = _answer(still, replace(moves, motion=wide), "linear")
+    further = np.diagonal(found.moves.further_E)
+    assert np.all(np.sqrt(further) > still.sigma_E)
+    np.testing.assert_allclose(found.interval_95_E**2, still.interval_95_E**2 + 1.96**2 * further, rtol=1e-6)
+    np.testing.assert_allclose(found.sigma_E**2, still.sigma_E**2 + further, rtol=1e-9)
+
+
+def test_a_result_of_an_older_version_is_predicted_as_a_constant(rng):
+    campaign = moving(rng, 0.0)
+    found = calibrate(campaign, Gls())
+    older = result_document(found, "gls", ("camera", "tracker"), {}, {})
+    for key in ("motion", "orbit", "span"):
+        older[key] = None
+    document = ResultDocument.from_json(json.dumps(older), "result.json")
+    at = predicted(document, int(campaign.images.t_ns[0]))
+    np.testing.assert_allclose(at.C_EK, found.C_EK, atol=1e-12)
+    np.testing.assert_array_equal(at.turn_E, 0.0)
+    assert np.all(np.diagonal(at.covariance_E) >= 0.999 * found.sigma_E**2)

@@ -25,7 +25,8 @@ from starplumb.estimators.protocol import Status
 from starplumb.estimators.wahba import Wahba
 from starplumb.ground import intersection
 from starplumb.ground.intersection import Intersections, intersect
-from starplumb.judge.calibrate import PRIOR, calibrate, shares
+from starplumb.judge.calibrate import calibrate
+from starplumb.judge.error_shares import PRIOR, shares
 from starplumb.physics import so3
 from starplumb.physics.earth import C_JT, itrf_to_geodetic
 from starplumb.physics.units import ARCSEC, DEG

@@ -44,13 +44,7 @@ DELTET/DELTA_AT = ( 32, @1999-JAN-1, 33, @2006-JAN-1, 34, @2009-JAN-1, 35, @2012
 """
 
 
-@pytest.fixture(autouse=True)
-def _clean_pool():
-    """No test may leave a kernel behind, nor find one."""
-    spice.kclear()
-    yield
-    assert spice.ktotal("ALL") == 0
-    spice.kclear()
+pytestmark = pytest.mark.usefixtures("clean_pool")
 
 
 @pytest.fixture

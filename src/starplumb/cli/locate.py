@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from .options.ground import Dem, Geoid, HeightsOption
+from .options.ground import Dem, Geoid, HeightsOption, ResultOption
 from .options.outside import Choice, OutsideOption
 from .output import Json, Output, Quiet, Verbose
 
@@ -19,15 +19,7 @@ def locate(
         float | None, typer.Argument(metavar="COLUMN", help="Column, in the campaign's pixel origin.")
     ] = None,
     row: Annotated[float | None, typer.Argument(metavar="ROW", help="Row, in the same.")] = None,
-    result: Annotated[
-        Path | None,
-        typer.Option(
-            "--result",
-            "-r",
-            help="result.json to take the mounting from, or `model` [default: result/result.json beside the campaign, "
-            "else the model].",
-        ),
-    ] = None,
+    result: ResultOption = None,
     height_m: Annotated[
         float | None, typer.Option("--height-m", help="Ground height above the ellipsoid [default: 0].")
     ] = None,

@@ -11,7 +11,7 @@ from typing import Annotated, Any
 
 import typer
 
-from .options.ground import Dem, Geoid, HeightsOption
+from .options.ground import Dem, Geoid, HeightsOption, ResultOption
 from .options.outside import Choice, OutsideOption
 from .output import Json, Output, Quiet, Verbose
 
@@ -32,15 +32,7 @@ def project(
         str | None, typer.Option("--image", "-i", help="One image only [default: all that see a place].")
     ] = None,
     itrf: Annotated[bool, typer.Option("--itrf", help="The three numbers are x, y, z in ITRF, m.")] = False,
-    result: Annotated[
-        Path | None,
-        typer.Option(
-            "--result",
-            "-r",
-            help="result.json to take the mounting from, or `model` [default: result/result.json beside the campaign, "
-            "else the model].",
-        ),
-    ] = None,
+    result: ResultOption = None,
     height_m: Annotated[
         float | None,
         typer.Option("--height-m", help="Height above the ellipsoid of places that have none of their own."),

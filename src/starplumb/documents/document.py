@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Self, get_args
 
 from annotated_types import Len
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
@@ -63,7 +63,7 @@ class Document(Part):
     @classmethod
     def kind(cls) -> str:
         """What ``schema`` is in such a document."""
-        return str(cls.model_fields["schema_"].annotation.__args__[0])  # type: ignore[union-attr]
+        return str(get_args(cls.model_fields["schema_"].annotation)[0])
 
     def to_dict(self) -> dict[str, Any]:
         """The document as a dictionary, its keys in the order of the file."""

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from .. import __version__
 from ..estimators.protocol import ParameterVector, Status
-from ..judge.calibrate import Calibration, shares
+from ..judge.calibrate import Calibration
 from ..judge.conventions.rests_on import RestsOn
+from ..judge.error_shares import shares
 from ..judge.parameters.separability import known
 from ..judge.residuals import Accuracy, rms
 from ..physics import so3

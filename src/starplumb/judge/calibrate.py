@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -47,8 +47,6 @@ Array = NDArray[np.float64]
 
 IMPROBABLE_P = 0.01
 """Probability of chi-square below which the message says what fits worst."""
-PRIOR, MOTION = "what was known before", "motion of the mounting"
-"""Names of what a prior and an estimated motion contribute to a covariance."""
 UNTESTED = (
     "sightings, images and landmarks are not tested one by one: too many images share too many landmarks for the "
     "covariances of their residuals to be computed in reasonable time"
@@ -164,9 +162,7 @@ def calibrate(campaign: Campaign, estimator: Estimator, by_gls: Calibration | No
         *(Finding(sentence, False) for sentence in _remarks(estimate, untested=tested and snooping is None)),
     ]
     if own.usable and not tested:
-        reference = _reference(campaign, used, by_gls if estimate.verdict is None else None)
-        weight = max((finding.weight for finding in found), default=0)
-        found += reference.findings(estimate.C_EK, _interval(estimate, None, found), weight)
+        found += _beside_least_squares(campaign, used, estimate, by_gls, found)
     ruined = ruins_alignment(list(traded))
     status = judged(Status(max(own, Status.SINGULAR)) if ruined else own, found)
     return Calibration(
@@ -186,6 +182,19 @@ def calibrate(campaign: Campaign, estimator: Estimator, by_gls: Calibration | No
         rests_on=rests if status.usable else (),
         moves=moving if status.usable else None,
     )
+
+
+def _beside_least_squares(
+    campaign: Campaign,
+    used: NDArray[np.bool_],
+    estimate: AlignmentEstimate,
+    by_gls: Calibration | None,
+    found: Sequence[Finding],
+) -> list[Finding]:
+    """What least squares of the sightings used says of an answer that is not its own."""
+    reference = _reference(campaign, used, by_gls if estimate.verdict is None else None)
+    weight = max((finding.weight for finding in found), default=0)
+    return reference.findings(estimate.C_EK, _interval(estimate, None, found), weight)
 
 
 def _reference(campaign: Campaign, used: NDArray[np.bool_], by_gls: Calibration | None) -> Reference:
@@ -328,24 +337,3 @@ def _evidence(
 def _kept(o: Observations, used: NDArray[np.bool_]) -> Observations:
     """The sightings used: the table itself, and no copy of it, where these are all."""
     return o if np.all(used) else o.select(used)
-
-
-def shares(calibration: Calibration) -> Mapping[str, Array]:
-    """Covariance (3, 3) rad^2 about E by source; empty where the method does not say what a sighting does to it."""
-    c = calibration
-    if c.snooping is None or c.estimate.covariance_E is None or not c.status.usable:
-        return {}
-    parts = c.snooping.spread.parts
-    if c.moves is not None and c.moves.further_E is not None:
-        parts[MOTION] = c.moves.further_E
-    if _has_prior(c):
-        values, axes = np.linalg.eigh(c.estimate.covariance_E - np.sum(list(parts.values()), axis=0))
-        parts[PRIOR] = (axes * np.maximum(values, 0.0)) @ axes.mT
-    return parts
-
-
-def _has_prior(c: Calibration) -> bool:
-    """Whether something of the mounting or of the other parameters was known before."""
-    parameters = c.estimate.parameters
-    known = parameters is not None and bool(np.any(np.isfinite(parameters.prior_sigma)))
-    return c.campaign.prior_E is not None or known

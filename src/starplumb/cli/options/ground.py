@@ -28,3 +28,12 @@ Dem = Annotated[
 Geoid = Annotated[
     Path | None, typer.Option("--geoid", help="Raster of the geoid's heights above the ellipsoid.")
 ]
+ResultOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--result",
+        "-r",
+        help="result.json to take the mounting from, or `model` [default: result/result.json beside the campaign, "
+        "else the model].",
+    ),
+]

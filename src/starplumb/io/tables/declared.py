@@ -75,7 +75,9 @@ def _decimal(cell: str, row: int) -> Decimal:
     except InvalidOperation:
         number = Decimal("nan")
     if not number.is_finite() or abs(number) > 10**15:
-        raise EpochError(f"found {show(cell)}, wanted a number as the format of the times says", row)
+        raise EpochError(
+            f'found {show(cell)}, wanted a number, as time.format says; a date is format = "iso"', row
+        )
     return number
 
 

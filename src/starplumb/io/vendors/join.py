@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ...physics import so3
 from ...physics.camera import Camera
 from ...physics.errors import InputError
-from ...physics.series import Attitude, Bursts, Ephemeris, seconds
+from ...physics.series import Attitude, Bursts, Ephemeris, Orientation, seconds
 from ...physics.trackers import FusedAttitude
 from ...table.campaign import Campaign, Images, Landmarks, Sightings
 from ...table.coverage import covered
@@ -207,9 +207,8 @@ def _orbit(parts: Sequence[Named], ends: Sequence[tuple[int, int]]) -> Ephemeris
     chosen = _chosen([orbit.t_ns for orbit in orbits], ends, [orbit.r_J for orbit in orbits], parts, "orbit")
     t_ns = np.concatenate([orbit.t_ns[rows] for orbit, rows in zip(orbits, chosen, strict=True)])
     r_J = np.concatenate([orbit.r_J[rows] for orbit, rows in zip(orbits, chosen, strict=True)])
-    v_J = None
-    if all(orbit.v_J is not None for orbit in orbits):
-        v_J = np.concatenate([orbit.v_J[rows] for orbit, rows in zip(orbits, chosen, strict=True)])  # type: ignore[index]
+    v = [orbit.v_J[rows] for orbit, rows in zip(orbits, chosen, strict=True) if orbit.v_J is not None]
+    v_J = np.concatenate(v) if len(v) == len(orbits) else None
     gap_s = _gap([orbit.bursts for orbit in orbits], t_ns)
     return Ephemeris(t_ns, r_J, v_J, gap_s, orbits[0].name)
 
@@ -231,12 +230,13 @@ def _attitude(
     return Attitude(t_ns, q_EF, frame, inertial, gap_s, series[0].name, quaternion_step=step)
 
 
-def _in_frame(series: Attitude, frame: str, orientation: object) -> Array:
+def _in_frame(series: Attitude, frame: str, orientation: Orientation | None) -> Array:
     """Quaternions (n, 4) from the Earth-fixed or the inertial frame."""
     if series.frame == frame:
         return series.q_EF
+    assert orientation is not None, "an inertial series knows the orientation of the Earth"
     C_EF = so3.from_quaternion(series.q_EF)
-    C_IJ = orientation.C_IJ(series.t_ns)  # type: ignore[attr-defined]
+    C_IJ = orientation.C_IJ(series.t_ns)
     return so3.to_quaternion(C_EF @ (C_IJ if frame == "ITRF" else C_IJ.mT))
 
 

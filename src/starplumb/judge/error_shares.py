@@ -1,0 +1,36 @@
+"""What each source of error contributes to the covariance of a judged answer."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .calibrate import Calibration
+
+Array = NDArray[np.float64]
+
+PRIOR, MOTION = "what was known before", "motion of the mounting"
+"""Names of what a prior and an estimated motion contribute to a covariance."""
+
+
+def shares(calibration: Calibration) -> Mapping[str, Array]:
+    """Covariance (3, 3) rad^2 about E by source; empty where the method does not say what a sighting does to it."""
+    c = calibration
+    if c.snooping is None or c.estimate.covariance_E is None or not c.status.usable:
+        return {}
+    parts = c.snooping.spread.parts
+    if c.moves is not None and c.moves.further_E is not None:
+        parts[MOTION] = c.moves.further_E
+    if _has_prior(c):
+        values, axes = np.linalg.eigh(c.estimate.covariance_E - np.sum(list(parts.values()), axis=0))
+        parts[PRIOR] = (axes * np.maximum(values, 0.0)) @ axes.mT
+    return parts
+
+
+def _has_prior(c: Calibration) -> bool:
+    """Whether something of the mounting or of the other parameters was known before."""
+    parameters = c.estimate.parameters
+    known = parameters is not None and bool(np.any(np.isfinite(parameters.prior_sigma)))
+    return c.campaign.prior_E is not None or known
