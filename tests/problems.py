@@ -48,10 +48,11 @@ def truth(
     shared_site: bool = False,
     corrections: Corrections | None = None,
     sigmas: scene.Sigmas = SIGMAS,
+    time_s: np.ndarray | None = None,
 ) -> Campaign:
     """A true scene: images 30 s apart, aimed ahead and aside by turns, each with its own markers or one common site."""
     earth = UniformEarth()
-    time = 30.0 * np.arange(images)
+    time = 30.0 * np.arange(images) if time_s is None else time_s
     r_J, v_J = scene.fly(ORBIT, earth, 0, time)
     tilts = tilt_deg * DEG * np.array([np.cos(2.4 * np.arange(images)), np.sin(2.4 * np.arange(images))])
     down = -r_J / np.linalg.norm(r_J, axis=-1, keepdims=True)

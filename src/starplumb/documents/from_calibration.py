@@ -95,7 +95,12 @@ def _from_data(c: Calibration) -> dict[str, Any]:
     """What the scatter of the images says of the answer and of each source; null where it cannot tell."""
     found = c.from_data
     if found is None:
-        none = ("sigma_from_data_arcsec", "degrees_of_freedom_from_data", "jackknife_sigma_arcsec")
+        none = (
+            "sigma_from_data_arcsec",
+            "degrees_of_freedom_from_data",
+            "jackknife_sigma_arcsec",
+            "next_session",
+        )
         return {**dict.fromkeys(none), "sources": []}
 
     def arcsec(angles: Array | None) -> Any:
@@ -105,6 +110,7 @@ def _from_data(c: Calibration) -> dict[str, Any]:
         "sigma_from_data_arcsec": arcsec(found.sigma_E),
         "degrees_of_freedom_from_data": None if found.degrees is None else numbers(found.degrees),
         "jackknife_sigma_arcsec": arcsec(found.jackknife_E),
+        "next_session": _next_session(c),
         "sources": [
             {
                 "name": source.name,
@@ -118,6 +124,14 @@ def _from_data(c: Calibration) -> dict[str, Any]:
             for source in found.sources
         ],
     }
+
+
+def _next_session(c: Calibration) -> dict[str, Any] | None:
+    """What a further session or pass shows; null where the data tell of none."""
+    further, half = None if c.from_data is None else c.from_data.next_session, c.next_session_95_E
+    if further is None or half is None:
+        return None
+    return {"of": further.of, "groups": further.groups, "interval_95_arcsec": numbers(half / ARCSEC)}
 
 
 def _rests_on(one: RestsOn) -> dict[str, Any]:

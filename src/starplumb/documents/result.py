@@ -156,6 +156,15 @@ class Landmark(Part):
     rms_own_px: Number
 
 
+class NextSession(Part):
+    """Half-widths of the 95 % intervals of the mounting as a further session or pass (``of``) shows it, from so many
+    ``groups``."""
+
+    of: str
+    groups: int
+    interval_95_arcsec: Numbers3
+
+
 class RestsOn(Part):
     """What the answer rests on that was not estimated: an error of it, in its unit, moves the answer about each axis by
     a sigma from ``matters_from`` on; ``estimate`` is its name for ``--estimate``, null where it has none."""
@@ -190,6 +199,7 @@ class ResultDocument(Document):
     sigma_from_data_arcsec: Numbers3 | None = None
     degrees_of_freedom_from_data: Numbers3 | None = None
     jackknife_sigma_arcsec: Numbers3 | None = None
+    next_session: NextSession | None = None
     sources: list[Source] | None = None
     rests_on: list[RestsOn] | None = None
     motion: MotionPart | None = None

@@ -106,6 +106,15 @@ class Calibration:
         return self.sigma_E if data is None or self.sigma_E is None else np.maximum(self.sigma_E, data)
 
     @property
+    def next_session_95_E(self) -> Array | None:
+        """Half-widths (3,) rad of the 95 % intervals of the mounting at a further session or pass; None where the data
+        tell of none."""
+        further = None if self.from_data is None else self.from_data.next_session
+        if further is None or self.interval_95_E is None:
+            return None
+        return np.maximum(self.interval_95_E, further.half_95_E)
+
+    @property
     def message(self) -> str:
         """What the status means for this estimate, in one line; empty where nothing need be said."""
         return "; ".join(self.sentences)
@@ -242,12 +251,12 @@ def _scatter(campaign: Campaign, fit: Fit, estimate: AlignmentEstimate) -> FromD
     if images is None or estimate.sigma_E is None:
         return None
     groups = [("session", sessions(campaign)), ("pass", passes(campaign))]
-    stated = campaign.attitude_errors
-    if stated.moved or campaign.position_errors.moved:
+    stated, own = campaign.attitude_errors, campaign.attitude_errors.session_estimated
+    told = own and np.any(stated.session_sigma)
+    if stated.moved or campaign.position_errors.moved or told:
         groups = []  # what else images may share is not to be told from what they do
     elif stated.session_sigma is not None:
-        groups = [] if stated.session_estimated else groups[1:]
-    own = stated.session_estimated
+        groups = groups[:1] if own else groups[1:]
     return from_data(images, estimate.C_EK, estimate.sigma_E, levels_of(images, groups), estimated=own)
 
 

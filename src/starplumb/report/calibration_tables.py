@@ -36,6 +36,10 @@ def alignment(c: Calibration, document: Document) -> tuple[Table, ...]:
     rows += of_sigma
     if document["interval_95_arcsec"] is not None:
         rows.append(("95 % interval, ±", *(number(x, 3) for x in document["interval_95_arcsec"])))
+    further = document.get("next_session")
+    if further:
+        half = (number(x, 3) for x in further["interval_95_arcsec"])
+        rows.append((f"95 % interval at the next {further['of']}, ±", *half))
     truth = document.get("truth")
     if truth:
         rows.append(("true correction", *(number(x, 6) for x in truth["correction_arcsec"])))

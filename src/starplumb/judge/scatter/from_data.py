@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from ...physics.covariance import square_root
 from ...physics.units import ARCSEC
 from . import variances
+from .next_session import NextSession, next_session
 from .rotations import ImageRotations
 from .times import TimesFound, times_found
 from .variances import Component, Factors, Projector
@@ -74,9 +75,9 @@ def _of_level(name: str, Z: Array, about: Array, stated: float) -> list[Componen
     none, apart = np.zeros((len(Z), 3, 3)), about @ Z
     sizes = np.max(np.abs(Z - apart), initial=0.0), np.max(np.abs(apart), initial=0.0)
     if Z.shape[-1] < 3 * SEVERAL or min(sizes) < 0.03 * max(sizes):  # a part found to be 0 is no source
-        return [Component(name, none, Z, stated)]
-    weak = f"{name}, about the weak axis"
-    return [Component(name, none, Z - apart, stated), Component(weak, none, apart, stated)]
+        return [Component(name, none, Z, stated, drawn_anew=True)]
+    parts = {name: Z - apart, f"{name}, about the weak axis": apart}
+    return [Component(words, none, part, stated, drawn_anew=True) for words, part in parts.items()]
 
 
 def _axis(mean: Array, C_EK: Array) -> Array:
@@ -120,7 +121,8 @@ class SourceFound:
 class FromData:
     """What the scatter of images supports: ``sigma_E`` (3,) rad of the answer with ``degrees`` (3,) of freedom, None
     where they are too few, and the ``sources``; ``jackknife_E`` (3,) rad is a rough sigma that knows no source, from
-    leaving out one ``left`` after another; ``times`` is what the scatter says of the times of images."""
+    leaving out one ``left`` after another; ``times`` is what the scatter says of the times of images, ``next_session``
+    what it says of the mounting at a further session or pass."""
 
     images: int
     sigma_E: Array | None
@@ -129,6 +131,7 @@ class FromData:
     jackknife_E: Array | None = None
     left: str = "image"
     times: TimesFound | None = None
+    next_session: NextSession | None = None
 
     @property
     def half_95_E(self) -> Array | None:
@@ -166,21 +169,14 @@ def from_data(
     if some.size < FEWEST:
         return FromData(images.size, None, None, named, times=times)
     slopes = np.array([np.diagonal(c.spread(gain)) for c in sources])
-    variance, degrees = _satterthwaite(slopes, factors)
+    variance, degrees = variances.satterthwaite(slopes, factors)
     scale = sigma_E / np.sqrt(stated @ slopes)  # whatever else the answer rests on scales alike
     left, groups = next(iter(levels.items()), ("image", np.arange(some.size)))
     if np.unique(groups).size < FEWEST:
         left, groups = "image", np.arange(some.size)
     rough = _jackknife(some.d_E, gain, groups) * scale
-    return FromData(images.size, np.sqrt(variance) * scale, degrees, named, rough, left, times)
-
-
-def _satterthwaite(slopes: Array, factors: Factors) -> tuple[Array, Array]:
-    """Variance (3,) and degrees of freedom (3,) of ``f^T slopes``; factors that are 0 stay out."""
-    on = factors.f > 0.0
-    variance = factors.f @ slopes
-    spread = np.einsum("si,st,ti->i", slopes[on], factors.spread[np.ix_(on, on)], slopes[on])
-    return variance, np.clip(2.0 * variance**2 / np.maximum(spread, 1e-300), 1.0, variances.MOST_DEGREES)
+    further = next_session(some.d_E, sources, factors, slopes * scale**2)
+    return FromData(images.size, np.sqrt(variance) * scale, degrees, named, rough, left, times, further)
 
 
 def _found(images: ImageRotations, c: Component, factors: Factors, k: int, p: float) -> SourceFound:

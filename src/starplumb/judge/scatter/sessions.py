@@ -15,12 +15,11 @@ from ...table.sharing import sessions
 from ..trust import Finding
 from . import variances
 from .from_data import SESSION, components, levels_of
+from .next_session import FEW_SESSIONS
 from .rotations import image_rotations
 
 LEAST = 0.01
 """Variance of what a session's images share, over that of one image, below which it is taken for none."""
-FEW_SESSIONS = 5
-"""Sessions below which the interval is wider by much, and this is said."""
 
 
 def with_session(campaign: Campaign, fit: Fit) -> Campaign:

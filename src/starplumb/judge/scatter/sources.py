@@ -5,6 +5,7 @@ from __future__ import annotations
 from ...estimators.usable import EXACT
 from ..trust import Finding, probability
 from .from_data import SIGHTINGS, FromData, SourceFound
+from .next_session import FEW_SESSIONS, NextSession
 from .times import TimesFound
 
 TOO_SMALL_P, TOO_LARGE_P = 1e-3, 1e-4
@@ -27,6 +28,8 @@ def findings_of_sources(found: FromData | None, images: int) -> list[Finding]:
     told = [one for one in (_told(source, len(found.sources), few) for source in spoken) if one is not None]
     if found.times is not None and found.times.p < TOO_SMALL_P and not any(one.weakens for one in told):
         told.append(_times(found.times))
+    if found.next_session is not None and found.next_session.groups < FEW_SESSIONS:
+        told.append(_few(found.next_session))
     confirmed = found.images > FEW_IMAGES or any(finding.weakens for finding in told)
     return told if confirmed else [*told, _unconfirmed(found.images)]
 
@@ -35,6 +38,14 @@ def _unconfirmed(images: int) -> Finding:
     return Finding(
         f"nothing here confirms the stated sigmas of attitude and orbit: the scatter of {images} images cannot tell; "
         f"more than {FEW_IMAGES} images would",
+        False,
+    )
+
+
+def _few(further: NextSession) -> Finding:
+    return Finding(
+        f"what a further {further.of} adds is hardly told by {further.groups}: its interval (next_session) is wide for "
+        f"it, {FEW_SESSIONS} or more would narrow it",
         False,
     )
 

@@ -37,6 +37,7 @@ class Component:
 
     ``stated`` is its factor as the campaign has it: 1, or 0 for an error that it does not state.  ``squares``, the
     factor times a chi-square of so many ``degrees`` of freedom, tell of the same factor apart from the rotations.
+    ``drawn_anew`` marks what a further session has a draw of its own of.
     """
 
     name: str
@@ -45,6 +46,7 @@ class Component:
     stated: float = 1.0
     squares: float = 0.0
     degrees: int = 0
+    drawn_anew: bool = False
 
     def spread(self, gain: Array) -> Array:
         """Covariance (3, 3) of the sum of ``gain`` (m, 3, 3) times its errors, at the factor 1."""
@@ -147,6 +149,14 @@ class Factors:
     def degrees(self) -> Array:
         """Degrees of freedom (s,) behind each."""
         return np.clip(2.0 * self.f**2 / np.maximum(np.diagonal(self.spread), 1e-300), 0.0, MOST_DEGREES)
+
+
+def satterthwaite(slopes: Array, factors: Factors) -> tuple[Array, Array]:
+    """Variance (3,) and degrees of freedom (3,) of ``f^T slopes`` (s, 3); factors that are 0 stay out."""
+    on = factors.f > 0.0
+    variance = factors.f @ slopes
+    spread = np.einsum("si,st,ti->i", slopes[on], factors.spread[np.ix_(on, on)], slopes[on])
+    return variance, np.clip(2.0 * variance**2 / np.maximum(spread, 1e-300), 1.0, MOST_DEGREES)
 
 
 def estimate(d: Array, components: Sequence[Component]) -> Factors:
