@@ -132,9 +132,16 @@ def sensitivities(o, C_EK):
     return out
 
 
+def noise_of_pixels(o):
+    """Dense (2 n, 2 n) covariance of the noise of the pixels."""
+    if o.ellipse is None:
+        return np.diag(np.repeat(o.sigma_px**2, 2))
+    return block_diag(*(s**2 * shape for s, shape in zip(o.sigma_px, o.ellipse, strict=True)))
+
+
 def covariance_of_observations(o, sens):
     """Dense (2 n, 2 n) covariance of all pixels: noise plus every shared error."""
-    V = np.diag(np.repeat(o.sigma_px**2, 2))
+    V = noise_of_pixels(o)
     for J, blocks in (
         (sens.attitude, o.cov_attitude_E),
         (sens.position, o.cov_position_J),

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.linalg import block_diag
 
+from oracles import noise_of_pixels
 from problems import C_EK_TRUE, FRAME, LINE, truth
 from starplumb.physics.covariance import square_root
 from starplumb.physics.units import ARCSEC
@@ -33,7 +34,7 @@ def dense(o, model, A, information=None, step=None):
         R_marker[rows, k : k + 3] = -model.R[j]
     spread = [(H, block_diag(*o.cov_attitude_E)), (R_image, block_diag(*o.cov_position_J))]
     spread.append((R_marker, block_diag(*o.cov_landmark_J)))
-    V = np.diag(np.repeat(o.sigma_px**2, 2)) + sum(J @ cov @ J.T for J, cov in spread)
+    V = noise_of_pixels(o) + sum(J @ cov @ J.T for J, cov in spread)
     kept = np.repeat(o.weight > 0, 2)
     W = np.zeros_like(V)
     W[np.ix_(kept, kept)] = np.linalg.inv(V[np.ix_(kept, kept)])

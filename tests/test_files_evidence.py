@@ -31,7 +31,7 @@ from starplumb.physics.series import Attitude
 from starplumb.physics.trackers import FusedAttitude, TrackerSeries
 from starplumb.physics.units import ARCSEC, DEG
 from starplumb.plan.demo import demo
-from starplumb.table.campaign import SharedErrors
+from starplumb.table.campaign import SharedErrors, some_of
 from starplumb.table.equation import linearise
 from starplumb.table.geometry import observe
 from starplumb.table.sharing import passes
@@ -600,7 +600,7 @@ def _every_third_minute(campaign):
     s = campaign.sightings
     return replace(
         campaign,
-        sightings=replace(s, **{name: getattr(s, name)[kept] for name in vars(s)}),
+        sightings=some_of(s, kept),
     )
 
 

@@ -15,7 +15,7 @@ from starplumb.physics import so3
 from starplumb.physics.errors import InputError
 from starplumb.physics.units import ARCSEC
 from starplumb.plan import scene
-from starplumb.table.campaign import Campaign, SharedErrors
+from starplumb.table.campaign import Campaign, SharedErrors, some_of
 from starplumb.table.geometry import observe
 from starplumb.table.parameter_names import parameters
 from starplumb.table.simulate import Errors
@@ -32,7 +32,7 @@ def images_of(campaign, chosen):
     """The campaign with the sightings of some images, and a name of its own."""
     s = campaign.sightings
     kept = np.isin(s.image, chosen)
-    sightings = replace(s, **{name: getattr(s, name)[kept] for name in vars(s)})
+    sightings = some_of(s, kept)
     return replace(campaign, sightings=sightings, name=f"images {chosen}")
 
 

@@ -37,6 +37,7 @@ from starplumb.report.calibration_tables import _intersection_row
 from starplumb.report.plots import Ellipse, outline, thinned
 from starplumb.report.simulation import simulation_page
 from starplumb.report.text import coefficient, euler_zyx, interval, length, listed, measured, number
+from starplumb.table.campaign import some_of
 from starplumb.table.parameter_names import parameters
 
 HOSTILE = "<script>alert('x')</script>"
@@ -185,7 +186,7 @@ def test_a_singular_campaign_has_a_report_that_forbids_its_use(campaign):
     s = campaign.sightings
     one = np.zeros(s.image.size, dtype=bool)
     one[3] = True
-    sightings = type(s)(*(getattr(s, name)[one] for name in s.__dataclass_fields__))
+    sightings = some_of(s, one)
     page, done = page_of(replace(campaign, sightings=replace(sightings, check=np.array([False]))))
     assert not done.status.usable
     assert "must not be used" in page

@@ -14,6 +14,7 @@ from starplumb.estimators.gls import Gls
 from starplumb.estimators.protocol import Status
 from starplumb.physics import so3
 from starplumb.physics.camera import Distortion
+from starplumb.physics.covariance import ellipse_of
 from starplumb.physics.units import ARCSEC, DEG
 from starplumb.solve import chunks, design_rows
 from starplumb.solve.adjustment import solve
@@ -54,10 +55,12 @@ def uneven(rng, camera=FRAME, markers=50):
     o = o.select(rng.permutation(np.flatnonzero(np.arange(o.n) % markers < 5 * (o.image // 2))))
     table = measure(o, C_EK_TRUE, Errors.draw(o, rng))
     slanted = rng.standard_normal((o.n_landmarks, 3, 3))
+    _, ellipse = ellipse_of(*rng.uniform(0.2, 0.5, (2, o.n)), rng.uniform(-0.9, 0.9, o.n))
     return replace(
         table,
         weight=(rng.random(o.n) > 0.1).astype(float),
         sigma_px=rng.uniform(0.2, 0.5, o.n),
+        ellipse=ellipse,
         cov_landmark_J=slanted @ slanted.mT,
     )
 

@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ..physics.covariance import pixel_axes
 from ..table.equation import Linearised
 from ..table.observations import Observations
 from .protocol import Status
@@ -58,7 +59,8 @@ class Directions:
         column = np.linalg.norm(o.slope_K[..., 0], axis=-1)
         row = np.linalg.norm(o.slope_K[..., 1], axis=-1) + np.linalg.norm(o.row_rate_E, axis=-1)
         place = _largest_of(o.cov_landmark_J, o.landmark) / o.range_m**2
-        own = (o.sigma_px * np.maximum(column, row)) ** 2 + place + np.square(slack)
+        _, largest_px = pixel_axes(o.sigma_px, o.ellipse)
+        own = (largest_px * np.maximum(column, row)) ** 2 + place + np.square(slack)
         position = _largest_of(o.cov_position_J, o.image) / o.range_m**2
         shared = _largest_of(o.cov_attitude_E, o.image) + position
         return cls(o.e_E, o.e_K, o.image, np.sqrt(own), np.sqrt(shared))
@@ -242,4 +244,4 @@ def _distance(a: tuple[Array, Array, Array], b: tuple[Array, Array, Array]) -> A
 def own_covariance(o: Observations, model: Linearised) -> Array:
     """Covariance (n, 2, 2) px^2 of pixel noise and landmark."""
     place = model.R @ o.cov_landmark_J[o.landmark] @ model.R.mT
-    return np.asarray(place + (o.sigma_px**2)[:, None, None] * np.eye(2))
+    return np.asarray(place + o.noise_px)

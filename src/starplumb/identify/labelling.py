@@ -55,9 +55,8 @@ class Labels:
 
     def sightings(self, detections: Detections) -> Sightings:
         """The detections that were given a landmark, as sightings."""
-        d, rows = detections, np.flatnonzero(self.landmark >= 0)
-        columns = (d.column_px[rows], d.row_px[rows], d.sigma_px[rows])
-        return Sightings(d.image[rows], self.landmark[rows], *columns, np.zeros(rows.size, dtype=bool))
+        rows = np.flatnonzero(self.landmark >= 0)
+        return detections.seen_as(rows, self.landmark[rows])
 
 
 def label(campaign: Campaign, detections: Detections, reach: float = 2.0 * DEG, seed: int = 0) -> Labels:

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from ..estimators.consensus import GATE, Directions, pair_rotation
 from ..physics import so3
 from ..physics.units import ARCSEC, DEG
-from ..table.campaign import Campaign, Detections, Sightings
+from ..table.campaign import Campaign, Detections
 from ..table.geometry import observe, stations
 from ..table.observations import Observations
 
@@ -98,9 +98,7 @@ class Candidates:
     def _of_pairs(
         cls, campaign: Campaign, d: Detections, row: Index, landmark: Index, reach: float
     ) -> Candidates:
-        pixels = (d.column_px[row], d.row_px[row], d.sigma_px[row])
-        sightings = Sightings(d.image[row], landmark, *pixels, np.zeros(row.size, dtype=bool))
-        table = observe(replace(campaign, sightings=sightings))
+        table = observe(replace(campaign, sightings=d.seen_as(row, landmark)))
         return cls(table, row, Directions.of(table), np.unique(row).size, reach)
 
     @property

@@ -3,7 +3,7 @@
 An estimate answers a small shift dz_n of sighting n by ``K_n dz_n`` (:mod:`starplumb.solve.reliability`).  The errors
 of one image, of one landmark or of one pixel shift their sightings together, so that each source has::
 
-    attitude  sum_i (sum_n K_n H_n) S_i (...)^T,   position and markers likewise with R,   pixels  sum_n K_n K_n^T s_n^2
+    attitude  sum_i (sum_n K_n H_n) S_i (...)^T,   position and markers likewise with R,   pixels  sum_n K_n S_n K_n^T
 
 and what is left of the covariance is the part of what was known before.  The parts add up to the covariance.
 """
@@ -76,7 +76,7 @@ class Spread:
             accumulate(self.landmark, by_place, self.table.landmark[part.rows])
         if part.table.common_px is not None:
             self.common[...] += np.einsum("nij,njp->ip", K, part.table.common_px)
-        self.noise[...] += _square(K * part.table.sigma_px[:, None, None])
+        self.noise[...] += _square(K @ part.table.noise_root_px)
         self.own[...] += _square(whitened)
 
     @property

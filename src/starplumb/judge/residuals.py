@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..estimators.fit import Fit
+from ..physics.covariance import pixel_distance
 from ..physics.earth import C_JT, itrf_to_geodetic
 from ..solve.chunks import part
 from ..table.equation import residual_px
@@ -96,7 +97,7 @@ def residuals(fit: Fit, used: Mask) -> Residuals:
         px[2][rows] = model.z_px - (moved - turned)[..., 0]
         m[0][rows] = ground.error(measured, fit.C_EK_model)
         m[1][rows] = ground.error(applied, fit.state.C_EK)
-    normalised = np.linalg.norm(px[2], axis=-1) / o.sigma_px
+    normalised = pixel_distance(px[2], o.sigma_px, o.ellipse)
     errors = shared.alpha_E, shared.rho_J, shared.pi_J
     return Residuals(used, px[0], px[1], px[2], normalised, m[0], m[1], *errors)
 

@@ -26,7 +26,7 @@ from ..estimators.wahba import Wahba
 from ..physics import so3
 from ..physics.errors import InputError
 from ..physics.units import DEG
-from ..table.campaign import Campaign
+from ..table.campaign import Campaign, some_of
 from ..table.equation import linearise
 from ..table.observations import Observations
 from .consistency import ABSURD, DECISIVE, IMPLAUSIBLE_P, chi2_p
@@ -117,9 +117,7 @@ def thinned(campaign: Campaign, most: int) -> Campaign:
 
 
 def _kept(campaign: Campaign, rows: NDArray[np.int64] | Mask) -> Campaign:
-    s = campaign.sightings
-    kept = {name: getattr(s, name)[rows] for name in s.__dataclass_fields__}
-    return replace(campaign, sightings=replace(s, **kept))
+    return replace(campaign, sightings=some_of(campaign.sightings, rows))
 
 
 def mended(campaign: Campaign, mistakes: tuple[Mistake, ...]) -> Campaign:

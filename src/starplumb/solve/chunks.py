@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..table.observations import PER_SIGHTING, Observations
+from ..table.observations import MAY_LACK, PER_SIGHTING, Observations
 
 Index = NDArray[np.int64]
 Rows = slice | Index
@@ -49,7 +49,8 @@ def sample(o: Observations) -> Observations:
 def part(o: Observations, rows: Rows) -> Observations:
     """Some rows (a slice is not copied), with all images and landmarks as they are (no batch axes)."""
     own = {name: getattr(o, name)[rows] for name in ("image", "landmark", *PER_SIGHTING)}
-    return replace(o, **own, common_px=None if o.common_px is None else o.common_px[rows])
+    own |= {name: getattr(o, name)[rows] for name in MAY_LACK if getattr(o, name) is not None}
+    return replace(o, **own)
 
 
 def blocks(o: Observations) -> Iterator[tuple[Index, list[Rows]]]:

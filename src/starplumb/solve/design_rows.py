@@ -3,7 +3,7 @@
 A work buffer ``W`` (rows, sightings) holds what was measured, and receives each sighting's residual and its derivatives
 in units of its own noise, which is the pixel's and that of its landmark's place::
 
-    (z, H, R, E) <- L^-1 (z, H, R, E),     L L^T = sigma^2 I + R cov_landmark R^T
+    (z, H, R, E) <- L^-1 (z, H, R, E),     L L^T = cov_pixel + R cov_landmark R^T
 
 with H by the mounting, R by the position in J and E by the eight numbers of a lens.  The formulas of the equation are
 those of :mod:`starplumb.table.equation`, those of the lens of :mod:`starplumb.physics.lens`.
@@ -39,6 +39,7 @@ from ..physics.components import (
     unit,
     write_block,
 )
+from ..physics.covariance import pixel_entries
 from ..physics.lens import LENS_ROWS, Eight, LensNumbers, effects, look_at
 from ..table.equation import (
     Nine,
@@ -53,16 +54,16 @@ from ..table.equation import (
 from ..table.observations import Observations
 from ..table.seen import ImageErrors
 from .compiled import compiled
-from .whitening import inverse_root
+from .whitening import inverse_root, least
 
-XY, SLOPE, E_E, ROW_RATE, C_EJ, RANGE, SIGMA, WEIGHT, COVARIANCE = 2, 6, LENS_ROWS, 13, 16, 25, 26, 27, 28
-"""First rows of what was measured: tangents (2), slope (4), direction (3), its rate (3), attitude (9), range, sigma of
-a pixel, weight, and the landmark's covariance xx, xy, xz, yy, yz, zz in J."""
-OWN = 34
+XY, SLOPE, E_E, ROW_RATE, C_EJ, RANGE, NOISE, WEIGHT, COVARIANCE = 2, 6, LENS_ROWS, 13, 16, 25, 26, 29, 30
+"""First rows of what was measured: tangents (2), slope (4), direction (3), its rate (3), attitude (9), range, the
+covariance of column and row (3), weight, and the landmark's covariance xx, xy, xz, yy, yz, zz in J."""
+OWN = 36
 """First row of the errors of the sighting's image about which it is linearised: attitude (3) and position (3)."""
-WHITENING, PER_RAD, COLUMN, ROW = 40, 43, 47, 62
+WHITENING, PER_RAD, COLUMN, ROW = 42, 45, 49, 64
 """First rows of what is made of them: L^-1 (3, lower), L^-1 B^-1 (4), and z, H, R, E (15) of the column, of the row."""
-ROWS = 77
+ROWS = 79
 LENS = 7
 """Where E begins behind z, H and R."""
 
@@ -93,9 +94,9 @@ def whitened_design(W: Array, at: Any, C_EK: Nine) -> None:
     closeness = 1.0 / W[RANGE, at]
     R_x = by_position(gradient(T[0], T[1], P_x, P_y), C, closeness)
     R_y = by_position(gradient(T[2], T[3], P_x, P_y), C, closeness)
-    noise = W[SIGMA, at] * W[SIGMA, at]
+    a, b, c = three(W, NOISE, at)
     L = inverse_root(
-        quadratic(R_x, S, R_x) + noise, quadratic(R_x, S, R_y), quadratic(R_y, S, R_y) + noise, noise
+        quadratic(R_x, S, R_x) + a, quadratic(R_x, S, R_y) + b, quadratic(R_y, S, R_y) + c, least(a, b, c)
     )
     strength = root(W[WEIGHT, at])
     p, q, r = strength * L[0], strength * L[1], strength * L[2]
@@ -191,7 +192,8 @@ def load(
     W[E_E : E_E + 3] = o.e_E[rows].mT
     W[ROW_RATE : ROW_RATE + 3] = o.row_rate_E[rows].mT
     W[C_EJ : C_EJ + 9].reshape(3, 3, -1)[...] = o.C_EJ[rows].transpose(1, 2, 0)
-    W[RANGE], W[SIGMA], W[WEIGHT] = o.range_m[rows], o.sigma_px[rows], o.weight[rows]
+    W[RANGE], W[WEIGHT] = o.range_m[rows], o.weight[rows]
+    W[NOISE : NOISE + 3] = pixel_entries(o.sigma_px[rows], None if o.ellipse is None else o.ellipse[rows])
     covariance = o.cov_landmark_J[o.landmark[rows]]
     for place, (i, j) in enumerate(UPPER):
         W[COVARIANCE + place] = covariance[:, i, j]

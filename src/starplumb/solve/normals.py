@@ -83,7 +83,7 @@ def _whitened(linear: Linear, rows: Index, once: NDArray[np.bool_]) -> tuple[Arr
     the landmarks (n, 2, 3), in units of what a sighting has for itself; a landmark seen ``once`` (n,) is part of it."""
     o, model, A = linear
     image, R = o.image[rows], model.R[rows]
-    noise = (o.sigma_px[rows] ** 2)[:, None, None] * np.eye(2)
+    noise = o.noise_px[rows]
     noise[once] += R[once] @ o.cov_landmark_J[o.landmark[rows[once]]] @ R[once].mT
     inverse_root = np.linalg.inv(np.linalg.cholesky(noise))
     attitude = -model.H[rows] @ square_root(o.cov_attitude_E)[image]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..physics.components import Row, Triple, larger, root
-from ..physics.covariance import square_root
+from ..physics.covariance import pixel_entries, square_root
 from ..table.equation import Linearised
 from ..table.observations import Observations
 from .chunks import Rows, repeated_landmarks
@@ -18,8 +18,14 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 
+def least(a: Row, b: Row, c: Row) -> Row:
+    """What is left of c by ``[[a, b], [b, c]]`` where the other number is known: the least that it can be, too, in a
+    sum of this and other covariances."""
+    return c - b * b / a
+
+
 def inverse_root(a: Row, b: Row, c: Row, smallest: Row) -> Triple:
-    """L^-1 (00, 10, 11) of ``L L^T = [[a, b], [b, c]]``, no eigenvalue of which is below ``smallest``."""
+    """L^-1 (00, 10, 11) of ``L L^T = [[a, b], [b, c]]``; what is left of c is not below ``smallest``."""
     x = 1.0 / root(a)
     l10 = b * x
     # rounding may take the difference below what it can be
@@ -75,18 +81,19 @@ class Roots:
 
     def design(self, o: Observations, model: Linearised, A: Array, rows: Rows = slice(None)) -> Design:
         """The design of a table that is these rows of the one the roots are of; sightings of weight zero vanish."""
-        place, image, noise, R = self.place[rows], o.image, o.sigma_px**2, model.R
+        place, image, R = self.place[rows], o.image, model.R
         again = np.flatnonzero(place >= 0)
-        a, b, c = noise, np.zeros_like(noise), noise
+        a, b, c = pixel_entries(o.sigma_px, o.ellipse)
+        smallest = least(a, b, c)
         if again.size < place.size:
             once = place < 0
             spread = R @ o.cov_landmark_J[..., o.landmark, :, :]
             across, down = R[..., 0, :], R[..., 1, :]
             a = a + once * np.sum(spread[..., 0, :] * across, axis=-1)
-            b = once * np.sum(spread[..., 1, :] * across, axis=-1)
+            b = b + once * np.sum(spread[..., 1, :] * across, axis=-1)
             c = c + once * np.sum(spread[..., 1, :] * down, axis=-1)
         strength = np.sqrt(o.weight)
-        entries = [strength * entry for entry in inverse_root(a, b, c, noise)]
+        entries = [strength * entry for entry in inverse_root(a, b, c, smallest)]
         W = np.zeros((*np.broadcast_shapes(*(entry.shape for entry in entries)), 2, 2))
         W[..., 0, 0], W[..., 1, 0], W[..., 1, 1] = entries
         blocks = [

@@ -3,9 +3,9 @@ files."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -157,7 +157,8 @@ class Images:
 @dataclass(frozen=True)
 class Sightings:
     """n marker images: indices ``image`` and ``landmark`` (n,), measured ``column_px`` and ``row_px`` (n,)
-    with ``sigma_px`` (n,) in either; ``check`` (n,) ones are kept out of the solution, to test it."""
+    with ``sigma_px`` (n,) in either, the root mean square of the two where an ``ellipse`` (n, 2, 2) gives their
+    covariance over its square, None for a circle; ``check`` (n,) ones are kept out of the solution, to test it."""
 
     image: Index
     landmark: Index
@@ -165,25 +166,68 @@ class Sightings:
     row_px: Array
     sigma_px: Array
     check: NDArray[np.bool_]
+    ellipse: Array | None = None
 
     def __post_init__(self) -> None:
         for name in ("image", "landmark", "column_px", "row_px", "sigma_px", "check"):
             _shape(name, getattr(self, name), self.image.shape[:1])
+        if self.ellipse is not None:
+            _shape("ellipse", self.ellipse, (self.image.size, 2, 2))
+
+    def blurred(self, further_px: float) -> Sightings:
+        """The same with further noise of this sigma in column and row."""
+        sigma_px = np.hypot(self.sigma_px, further_px)
+        if self.ellipse is None:
+            return replace(self, sigma_px=sigma_px)
+        added = (further_px / self.sigma_px)[:, None, None] ** 2 * np.eye(2)
+        shrunk = (self.sigma_px / sigma_px)[:, None, None] ** 2
+        return replace(self, sigma_px=sigma_px, ellipse=shrunk * (self.ellipse + added))
+
+    @classmethod
+    def joined(cls, parts: Sequence[Sightings]) -> Sightings:
+        """Those of several, one after another."""
+        fields = ("image", "landmark", "column_px", "row_px", "sigma_px", "check")
+        whole = {name: np.concatenate([getattr(part, name) for part in parts]) for name in fields}
+        ellipse = None
+        if any(part.ellipse is not None for part in parts):
+            circles = [np.broadcast_to(np.eye(2), (part.image.size, 2, 2)) for part in parts]
+            ellipse = np.concatenate(
+                [c if p.ellipse is None else p.ellipse for p, c in zip(parts, circles, strict=True)]
+            )
+        return cls(**whole, ellipse=ellipse)
 
 
 @dataclass(frozen=True)
 class Detections:
     """n marker images whose landmark is not known: index ``image``, ``column_px``, ``row_px``, ``sigma_px``
-    (n,)."""
+    (n,) and perhaps an ``ellipse`` (n, 2, 2), as of :class:`Sightings`."""
 
     image: Index
     column_px: Array
     row_px: Array
     sigma_px: Array
+    ellipse: Array | None = None
 
     def __post_init__(self) -> None:
         for name in ("image", "column_px", "row_px", "sigma_px"):
             _shape(name, getattr(self, name), self.image.shape[:1])
+        if self.ellipse is not None:
+            _shape("ellipse", self.ellipse, (self.image.size, 2, 2))
+
+    def seen_as(self, rows: Index, landmark: Index) -> Sightings:
+        """Some of them (k,), as sightings of landmarks (k,)."""
+        return Sightings(landmark=landmark, check=np.zeros(rows.size, np.bool_), **vars(some_of(self, rows)))
+
+
+Marks = TypeVar("Marks", bound=Sightings | Detections)
+
+
+def some_of(marks: Marks, rows: Index | NDArray[np.bool_]) -> Marks:
+    """Some of the marks."""
+    chosen: dict[str, Any] = {
+        name: None if values is None else values[rows] for name, values in vars(marks).items()
+    }
+    return replace(marks, **chosen)
 
 
 @dataclass(frozen=True)

@@ -194,12 +194,11 @@ def stated_sources(table: Observations) -> tuple[Source, ...]:
     The covariances are in the patterns, so that each sigma is 1.
     """
     m, L, n = table.n_images, table.n_landmarks, table.n
-    noise_px = table.sigma_px[..., None, None] * np.eye(2)
     own = (
         as_stated("attitude", "alpha_E", square_root(table.cov_attitude_E), np.arange(m)),
         as_stated("position", "rho_J", square_root(table.cov_position_J), np.arange(m)),
         as_stated("landmark", "pi_J", square_root(table.cov_landmark_J), np.arange(L)),
-        as_stated("pixel", "pixel", noise_px, np.arange(n)),
+        as_stated("pixel", "pixel", table.noise_root_px, np.arange(n)),
     )
     if table.common_px is None:
         return own
@@ -284,29 +283,33 @@ def state(truth: Observations, sources: Sequence[Source], model: Linearised) -> 
     """
     m, L, n = truth.n_images, truth.n_landmarks, truth.n
     sums = {"alpha_E": np.zeros((m, 3, 3)), "rho_J": np.zeros((m, 3, 3)), "pi_J": np.zeros((L, 3, 3))}
-    pixel, common = np.zeros(n), list[Source]()
+    pixel, common = np.zeros((n, 2, 2)), list[Source]()
     for source in sources:
         own = source.gain @ source.gain.mT
         if source.is_white and source.field in sums:
             sums[source.field] = sums[source.field] + own
-        elif (
-            source.is_white
-            and source.field == "pixel"
-            and np.allclose(own, own[:, :1, :1] * np.eye(2), rtol=1e-12)
-        ):
-            pixel = pixel + own[:, 0, 0]
+        elif source.is_white and source.field == "pixel":
+            pixel = pixel + own
         else:
             common.append(source)
-    if not np.all(pixel > 0.0):
+    if not np.all(np.linalg.eigvalsh(pixel) > 0.0):
         raise ValueError("no stated source is pixel noise")
     return replace(
         truth,
         cov_attitude_E=sums["alpha_E"],
         cov_position_J=sums["rho_J"],
         cov_landmark_J=sums["pi_J"],
-        sigma_px=np.sqrt(pixel),
+        **_noise(pixel),
         **common_columns(common, truth, model),
     )
+
+
+def _noise(pixel: Array) -> dict[str, Any]:
+    """Fields ``sigma_px`` and ``ellipse`` of the covariances (n, 2, 2) of pixels."""
+    if np.allclose(pixel, pixel[:, :1, :1] * np.eye(2), rtol=1e-12, atol=0.0):
+        return {"sigma_px": np.sqrt(pixel[:, 0, 0]), "ellipse": None}
+    variance = 0.5 * np.trace(pixel, axis1=-2, axis2=-1)
+    return {"sigma_px": np.sqrt(variance), "ellipse": pixel / variance[:, None, None]}
 
 
 def common_columns(sources: Sequence[Source], o: Observations, model: Linearised) -> dict[str, Any]:

@@ -109,6 +109,7 @@ def observe(campaign: Campaign) -> Observations:
         p_J=p_J,
         **directions,
         sigma_px=s.sigma_px,
+        ellipse=s.ellipse,
         weight=np.ones(s.image.size),
         cov_attitude_E=np.broadcast_to(campaign.cov_attitude_E, (campaign.images.t_ns.size, 3, 3)),
         cov_position_J=position_covariance(campaign),

@@ -8,6 +8,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from ..physics.covariance import pixel_covariance, pixel_root
 from ..physics.light import Corrections, apparent_direction
 
 Array = NDArray[np.float64]
@@ -33,7 +34,8 @@ class Observations:
     e_E             (..., n, 3)     apparent direction of the marker by the measured attitude, orbit and survey
     row_rate_E      (..., n, 3)     d e_E / d row, from the motion during the scan
     range_m         (..., n)        distance from camera to marker
-    sigma_px        (..., n)        standard deviation of column and of row, pixels
+    sigma_px        (..., n)        standard deviation of column and of row (root mean square of the two), pixels
+    ellipse         (..., n, 2, 2)  covariance of column and row over sigma_px^2; None: a circle, the identity
     weight          (..., n)        1, or 0 for a marker that was not seen (its numbers are finite, but of no
                                     consequence), so that every batch is rectangular
     =============== =============== ================================================================================
@@ -71,6 +73,7 @@ class Observations:
     epoch_s: Array | None = None
     common_px: Array | None = None
     common_of: tuple[str, ...] | None = None
+    ellipse: Array | None = None
 
     def __post_init__(self) -> None:
         n = self.image.size
@@ -99,6 +102,16 @@ class Observations:
         return np.broadcast_shapes(self.xy_K.shape[:-2], self.e_E.shape[:-2], self.weight.shape[:-1])
 
     @property
+    def noise_px(self) -> Array:
+        """Covariance (..., n, 2, 2) px^2 of the noise of column and row."""
+        return pixel_covariance(self.sigma_px, self.ellipse)
+
+    @property
+    def noise_root_px(self) -> Array:
+        """Lower triangular root (..., n, 2, 2) px of that."""
+        return pixel_root(self.sigma_px, self.ellipse)
+
+    @property
     def e_K(self) -> Array:
         """Measured look directions as unit vectors (..., n, 3)."""
         e = np.concatenate([self.xy_K, np.ones((*self.xy_K.shape[:-1], 1))], axis=-1)
@@ -118,14 +131,15 @@ class Observations:
             axis = -1 - len(tail)
             indices = np.flatnonzero(keep) if np.asarray(keep).dtype == bool else keep
             chosen[name] = np.take(getattr(self, name), indices, axis=axis)
-        if self.common_px is not None:
-            chosen["common_px"] = self.common_px[..., keep, :, :]
+        for name in MAY_LACK:
+            if getattr(self, name) is not None:
+                chosen[name] = getattr(self, name)[..., keep, :, :]
         return replace(self, **chosen)
 
     def run(self, index: tuple[int, ...]) -> Observations:
         """One run of a batch: the table at ``index`` into :attr:`batch`, without batch axes."""
         chosen: dict[str, Any] = {}
-        shared = dict.fromkeys(("cov_attitude_E", "cov_position_J", "cov_landmark_J", "common_px"), 3)
+        shared = dict.fromkeys(("cov_attitude_E", "cov_position_J", "cov_landmark_J", *MAY_LACK), 3)
         for name, own_axes in ({name: 1 + len(tail) for name, tail in _TAILS.items()} | shared).items():
             values = getattr(self, name)
             if values is None:
@@ -183,3 +197,5 @@ _TAILS: dict[str, tuple[int, ...]] = {
 }
 """Fields with one entry a sighting, and their axes behind it."""
 PER_SIGHTING = tuple(_TAILS)
+MAY_LACK = ("common_px", "ellipse")
+"""Fields (..., n, 2, w) that a table may be without."""

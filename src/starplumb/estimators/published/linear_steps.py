@@ -232,7 +232,7 @@ def propagate(observations: Observations, C_EK: Array, gain: Array) -> Array:
     a sum over images and landmarks of what each of them adds through ALL its sightings, K = gain B::
 
         sum_i [A_i Cov(alpha_i) A_i^T + U_i Cov(rho_i) U_i^T] + sum_l U_l Cov(pi_l) U_l^T
-            + sum_k sigma_k^2 K_k K_k^T,   A = sum K_k H_k,   U = sum K_k R_k,
+            + sum_k K_k Cov(pixel_k) K_k^T,   A = sum K_k H_k,   U = sum K_k R_k,
 
     sums over the sightings of image i or landmark l; errors ``common_px`` likewise over all sightings.
     """
@@ -245,7 +245,7 @@ def propagate(observations: Observations, C_EK: Array, gain: Array) -> Array:
     if o.common_px is not None:
         common = np.sum(K @ o.common_px, axis=-3)
         total = total + common @ common.mT
-    noise = (o.sigma_px[..., None, None] * K).swapaxes(-3, -2)
+    noise = (K @ o.noise_root_px).swapaxes(-3, -2)
     noise = noise.reshape(*noise.shape[:-2], -1)
     return np.asarray(total + noise @ noise.mT)
 

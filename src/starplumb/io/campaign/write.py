@@ -18,8 +18,9 @@ from ...table.considered import REFRACTION
 from ...table.parameter_names import UNITS, unit_of
 from ..tables.cells import Array
 from ..tables.columns import CARTESIAN, GEODETIC, SIGMA_ENU
-from ..text.write import csv_text, publish
+from ..text.write import Column, csv_text, publish
 from .fixed_frames import CAMERA
+from .marks.markers import noise_columns
 from .motion import VELOCITY
 from .toml_text import Sections, document_text, in_unit
 from .write_attitude import along_axes, attitude_files, attitude_sections, gap, shared, times
@@ -170,8 +171,9 @@ def _observations(campaign: Campaign) -> str:
     s = campaign.sightings
     image = [campaign.images.ids[i] for i in s.image.tolist()]
     landmark = [campaign.landmarks.ids[i] for i in s.landmark.tolist()]
-    header = ("image_id", "landmark_id", "column_px", "row_px", "sigma_px")
-    columns = (image, landmark, s.column_px, s.row_px, s.sigma_px)
+    sigma, noise = noise_columns(s)
+    header = ("image_id", "landmark_id", "column_px", "row_px", *sigma)
+    columns: tuple[Column, ...] = (image, landmark, s.column_px, s.row_px, *noise)
     if not s.check.any():
         return csv_text(header, columns)
     return csv_text((*header, "role"), (*columns, np.where(s.check, "check", "control").tolist()))
@@ -179,9 +181,8 @@ def _observations(campaign: Campaign) -> str:
 
 def _detections(images: tuple[str, ...], d: Detections) -> str:
     names = [images[i] for i in d.image.tolist()]
-    return csv_text(
-        ("image_id", "column_px", "row_px", "sigma_px"), (names, d.column_px, d.row_px, d.sigma_px)
-    )
+    sigma, noise = noise_columns(d)
+    return csv_text(("image_id", "column_px", "row_px", *sigma), (names, d.column_px, d.row_px, *noise))
 
 
 def _sections(campaign: Campaign, scale: str, tracker: str, measured: str) -> Sections:

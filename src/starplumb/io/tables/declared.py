@@ -113,7 +113,8 @@ class Declared:
 
     def schema(self, asked: Schema, source: str) -> Schema:
         """What is asked for in the table's own names.  Raises InputError for a name of ours that nobody asks for."""
-        ours = (*asked.texts, *asked.numbers, *asked.optional_texts, *asked.optional_numbers)
+        replacing = tuple(name for others in asked.instead.values() for name in others)
+        ours = (*asked.texts, *asked.numbers, *asked.optional_texts, *asked.optional_numbers, *replacing)
         for name in self.columns:
             if name not in ours or (name == "time" and self.time is not None):
                 near = nearest(name, ours)
@@ -133,6 +134,7 @@ class Declared:
                 *(name for name in asked.optional_numbers if name not in numbers),
                 *(name for name in asked.numbers if name in self.stated),
             ),
+            instead={self.name(one): self._names(*others) for one, others in asked.instead.items()},
             stamps=stamps,
             keep=self.keep,
             separator=self.separator,

@@ -7,9 +7,10 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -162,16 +163,25 @@ def read_table(
     declared: Declared = UNDECLARED,
     may_be_empty: bool = False,
     like: Sequence[str] = (),
+    instead: Mapping[str, Sequence[str]] = MappingProxyType({}),
 ) -> Table:
     """The columns asked for, by the names that are ``declared``; others are passed over with a notice.
 
-    Number columns ``like`` a pattern are taken where they are there.
+    Number columns ``like`` a pattern are taken where they are there, and so are those that stand ``instead`` of one.
 
     A file may be CSV (UTF-8, commas, any line ends; blank lines and leading ``#`` lines are passed over), Parquet or
     Arrow, which its content tells. Raises InputError naming the table and, where there are such, row and column.
     """
     optional_numbers = [*optional_numbers, *(n for n in declared.columns if Schema(like=like).alike(n))]
-    asked = Schema(texts, numbers, optional_texts, optional_numbers, may_be_empty=may_be_empty, like=like)
+    asked = Schema(
+        texts,
+        numbers,
+        optional_texts,
+        optional_numbers,
+        may_be_empty=may_be_empty,
+        like=like,
+        instead=instead,
+    )
     schema = declared.schema(asked, str(source))
     found = _columns(source, schema)
     ignored = schema.ignored(found.header)
@@ -183,7 +193,7 @@ def read_table(
         )
     by_ours = {
         name: found.numbers[declared.name(name)]
-        for name in (*numbers, *optional_numbers)
+        for name in (*numbers, *optional_numbers, *(name for others in instead.values() for name in others))
         if declared.name(name) in found.numbers
     }
     by_ours |= {name: x for name, x in found.numbers.items() if schema.alike(name)}

@@ -25,7 +25,8 @@ class Schema:
     ``stamps`` are columns of times, text or numbers; ``keep`` has the values, one of several, that a row must have in
     some columns to be looked at; ``may_be_empty`` admits a header without rows; ``separator`` stands between the cells
     of a text file, ``decimal`` before the decimals of its numbers; ``like`` are patterns of number columns that a table
-    may have, as in ``temperature_*_c``.
+    may have, as in ``temperature_*_c``; ``instead`` are number columns that may all stand in place of one, of which
+    the first tells that they do.
     """
 
     texts: Sequence[str] = ()
@@ -38,6 +39,7 @@ class Schema:
     separator: str = ","
     decimal: str = "."
     like: Sequence[str] = ()
+    instead: Mapping[str, Sequence[str]] = field(default_factory=dict)
 
     def texts_in(self, header: Sequence[str]) -> list[str]:
         """Text columns to read."""
@@ -51,7 +53,9 @@ class Schema:
 
     def numbers_in(self, header: Sequence[str]) -> list[str]:
         """Number columns to read."""
-        named = [name for name in (*self.numbers, *self.optional_numbers) if name in header]
+        asked = (*self.numbers, *self.optional_numbers)
+        replacing = [name for one, others in self.instead.items() if one not in header for name in others]
+        named = [name for name in (*asked, *replacing) if name in header]
         return [*named, *(name for name in header if self.alike(name) and name not in named)]
 
     def alike(self, name: str) -> bool:
@@ -77,6 +81,12 @@ class Schema:
         doubled = [name for name, count in Counter(header).items() if count > 1 and name]
         if doubled:
             raise InputError(f"{where}: found the column {show(doubled[0])} more than once, wanted it once")
+        for one, others in self.instead.items():
+            if one in header and others[0] in header:
+                found = f"found the columns {one} and {others[0]}, wanted only one of the two"
+                raise InputError(f"{where}: {found}")
+            if one not in header and others[0] in header:
+                needed = [name for name in (*needed, *others) if name != one]
         lacking = [name for name in needed if name not in header]
         if lacking:
             known = (*needed, *self.optional_texts, *self.optional_numbers)

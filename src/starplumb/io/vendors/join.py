@@ -198,8 +198,7 @@ def _marks(parts: Sequence[Named], index: Sequence[int]) -> tuple[Landmarks, Sig
         r_J=np.array(r_J).reshape(-1, 3),
         covariance_J=np.array(covariance_J).reshape(-1, 3, 3),
     )
-    parts_of = {name: np.concatenate([getattr(s, name) for s in seen]) for name in vars(seen[0])}
-    return landmarks, Sightings(**parts_of)
+    return landmarks, Sightings.joined(seen)
 
 
 def _orbit(parts: Sequence[Named], ends: Sequence[tuple[int, int]]) -> Ephemeris:

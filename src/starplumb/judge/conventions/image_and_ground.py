@@ -34,7 +34,8 @@ def _pixels() -> Iterator[Mistake]:
 
     def swapped(c: Campaign) -> Campaign:
         s = c.sightings
-        return replace(c, sightings=replace(s, column_px=s.row_px, row_px=s.column_px))
+        ellipse = None if s.ellipse is None else s.ellipse[:, ::-1, ::-1]
+        return replace(c, sightings=replace(s, column_px=s.row_px, row_px=s.column_px, ellipse=ellipse))
 
     yield Mistake(
         "pixels.swapped",
@@ -48,8 +49,9 @@ def _pixels() -> Iterator[Mistake]:
             count = c.camera.size_px[axis]
             if not np.isfinite(count):
                 raise InputError("the image has no stated end to count from")
-            pixel = count - 1.0 - getattr(c.sightings, field)
-            return replace(c, sightings=replace(c.sightings, **{field: pixel}))
+            s, pixel = c.sightings, count - 1.0 - getattr(c.sightings, field)
+            ellipse = None if s.ellipse is None else s.ellipse * np.array([[1.0, -1.0], [-1.0, 1.0]])
+            return replace(c, sightings=replace(s, ellipse=ellipse, **{field: pixel}))
 
         yield Mistake(
             f"pixels.{field}_from_{side}",

@@ -15,6 +15,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ...physics.covariance import pixel_axes
 from ...physics.earth import C_JT, OMEGA_EARTH, WGS84_A, itrf_to_geodetic
 from ...physics.rounding import ROUNDING, decimal_step, is_grid, time_step
 from ...physics.units import ARCSEC, DEG
@@ -60,7 +61,7 @@ def with_rounding(campaign: Campaign) -> Campaign:
         campaign,
         cov_attitude_E=campaign.cov_attitude_E + turn**2 * np.eye(3),
         landmarks=landmarks,
-        sightings=replace(s, sigma_px=np.hypot(s.sigma_px, pixel)),
+        sightings=s.blurred(pixel),
     )
 
 
@@ -177,7 +178,8 @@ def _pixels(campaign: Campaign, errors: ImageErrors, covariance_E: Array) -> Ite
     s = campaign.sightings
     step = step_px(np.stack([s.column_px, s.row_px]))
     own = OwnErrors(pixel=(step * ROUNDING) ** 2)
-    if step * ROUNDING < 0.1 * float(np.median(s.sigma_px)):
+    stated = float(np.median(pixel_axes(s.sigma_px, s.ellipse)[0]))
+    if step * ROUNDING < 0.1 * stated:
         return
     further = errors.by_own(own)
     if growth(covariance_E, further) <= NOTICEABLE or not errors.allows_own(own):
@@ -185,7 +187,7 @@ def _pixels(campaign: Campaign, errors: ImageErrors, covariance_E: Array) -> Ite
     yield Evidence(
         "digits",
         f"the pixels of the observations are whole multiples of {step:g} px against a stated sigma of "
-        f"{np.median(s.sigma_px):.2g} px; rounding adds {worst(covariance_E, further)}",
+        f"{stated:.2g} px; rounding adds {worst(covariance_E, further)}",
         "give them more digits, or a sigma_px that contains their rounding",
         covariance_E=further,
     )

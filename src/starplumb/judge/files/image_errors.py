@@ -181,8 +181,8 @@ def _moves(model: Linearised) -> Array:
 def _noise(o: Observations, model: Linearised, further: OwnErrors) -> Array:
     """Covariance (n, 2, 2) px^2 of what each sighting has for itself: pixels and landmark."""
     landmark = o.cov_landmark_J if further.landmark_J is None else o.cov_landmark_J + further.landmark_J
-    pixel = o.sigma_px**2 + further.pixel
-    return np.asarray(model.R @ landmark[o.landmark] @ model.R.mT + pixel[:, None, None] * np.eye(2))
+    place = model.R @ landmark[o.landmark] @ model.R.mT
+    return np.asarray(place + (o.noise_px + further.pixel * np.eye(2)))
 
 
 def _root(B: Array) -> Array:

@@ -8,11 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ...physics.covariance import pixel_axes
 from ...physics.rounding import ROUNDING
 from ...physics.series import Attitude, Bursts, Ephemeris, seconds
 from ...physics.units import ARCSEC
 from ...table.appearance import row_span
-from ...table.campaign import Campaign
+from ...table.campaign import Campaign, some_of
 from ...table.coverage import covered
 from ...table.equation import linearise
 from ...table.geometry import observe, stations
@@ -111,7 +112,8 @@ def roundings(campaign: Campaign) -> Iterator[Rounding]:
 def _of_marks(campaign: Campaign) -> Iterator[Rounding]:
     marks, sites = campaign.sightings, campaign.landmarks
     if marks.image.size and (step := step_px(np.stack([marks.column_px, marks.row_px]))):
-        yield Rounding("pixels", step, "px", step * ROUNDING, float(np.min(marks.sigma_px)), "px")
+        stated, _ = pixel_axes(marks.sigma_px, marks.ellipse)
+        yield Rounding("pixels", step, "px", step * ROUNDING, float(np.min(stated)), "px")
     if (found := landmark_rounding(sites.r_J)) is not None:
         rounded, stated = (
             np.sqrt(np.trace(c, axis1=-2, axis2=-1) / 3.0) for c in (found[1], sites.covariance_J)
@@ -127,7 +129,7 @@ def misfits(campaign: Campaign) -> tuple[Array, Array, int]:
     seen = covered(campaign, marks.image, marks.row_px)
     if not seen.any():
         return np.empty(0), np.empty(0), 0
-    chosen = replace(marks, **{name: values[seen] for name, values in vars(marks).items()})
+    chosen = some_of(marks, seen)
     table = observe(replace(campaign, sightings=chosen))
     at = linearise(table, campaign.C_EK)
     cosine = np.vecdot(table.e_E @ campaign.C_EK, table.e_K)

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ....physics.covariance import ellipse_of, ellipse_parts
 from ....physics.errors import InputError
 from ....table.appearance import MOST_ROWS
 from ....table.campaign import Detections, Sightings
 from ...tables.cells import Array
+from ...tables.columns import SIGMA_PX
 from ...tables.declared import UNDECLARED, Declared
 from ...tables.lookup import places
 from ...tables.read import Table, TableSource, read_table
@@ -19,6 +22,8 @@ from ...text.files import nearest, show
 from .point_files import PointFiles
 
 Index = NDArray[np.int64]
+CORRELATED = 0.9999
+"""Correlation of column and row up to which a mark is measured in two directions: beyond, rounding decides."""
 
 
 @dataclass(frozen=True)
@@ -55,6 +60,7 @@ def read_observations(
             optional_texts=("role",),
             declared=declared,
             may_be_empty=True,
+            instead={"sigma_px": SIGMA_PX},
         )
     notices += table.notices
     if len(table) and not landmarks:
@@ -64,11 +70,10 @@ def read_observations(
     image = _lookup(table, "image_id", images, "images")
     landmark = _lookup(table, "landmark_id", landmarks, "landmarks")
     _require_new_pairs(table, image, landmark, len(landmarks))
-    column, row, sigma = _pixels(table, grid)
-    check = _roles(table)
+    pixels, check = _pixels(table, grid), _roles(table)
     if len(table):
         notices += _unseen(source, "image", images, image) + _unseen(source, "landmark", landmarks, landmark)
-    return Sightings(image, landmark, column, row, sigma, check), bare(table)
+    return Sightings(image, landmark, check=check, **pixels), bare(table)
 
 
 def read_detections(
@@ -80,12 +85,16 @@ def read_detections(
 ) -> tuple[Detections, Table]:
     """Marker images whose landmark is not known, and the table that names their rows (its columns dropped)."""
     table = read_table(
-        source, texts=("image_id",), numbers=("column_px", "row_px", "sigma_px"), declared=declared
+        source,
+        texts=("image_id",),
+        numbers=("column_px", "row_px", "sigma_px"),
+        declared=declared,
+        instead={"sigma_px": SIGMA_PX},
     )
     notices += table.notices
     image = _lookup(table, "image_id", images, "images")
     notices += _unseen(source, "image", images, image)
-    return Detections(image, *_pixels(table, grid)), bare(table)
+    return Detections(image, **_pixels(table, grid)), bare(table)
 
 
 def bare(table: Table) -> Table:
@@ -126,16 +135,42 @@ def _require_new_pairs(table: Table, image: Index, landmark: Index, n_landmarks:
     raise InputError(f"{table.where(row, 'landmark_id')}: {found}, wanted each pair once")
 
 
-def _pixels(table: Table, grid: Grid) -> tuple[Array, Array, Array]:
-    """Column, row and sigma; a pixel must lie in the image as its user counts, then (0, 0) is moved to our
+def _pixels(table: Table, grid: Grid) -> dict[str, Any]:
+    """Column, row and their noise; a pixel must lie in the image as its user counts, then (0, 0) is moved to our
     place."""
-    table.require(table.numbers["sigma_px"] > 0.0, "sigma_px", "a positive number of pixels")
+    noise = _noise(table)
     for name, count in (("column_px", grid.columns), ("row_px", grid.rows)):
         low, high = bounds_px(count, grid.shift_px)
         x = table.numbers[name]
         table.require((x >= low) & (x <= high), name, f"{low:.12g} to {high:.12g}, the image")
     shift = grid.shift_px
-    return table.numbers["column_px"] - shift, table.numbers["row_px"] - shift, table.numbers["sigma_px"]
+    column, row = table.numbers["column_px"] - shift, table.numbers["row_px"] - shift
+    return {"column_px": column, "row_px": row, **noise}
+
+
+def _noise(table: Table) -> dict[str, Array | None]:
+    """``sigma_px`` and ``ellipse`` of the marks, from one sigma or from two and their correlation."""
+    wanted = "a positive number of pixels"
+    if SIGMA_PX[0] not in table.numbers:
+        table.require(table.numbers["sigma_px"] > 0.0, "sigma_px", wanted)
+        return {"sigma_px": table.numbers["sigma_px"], "ellipse": None}
+    if "sigma_px" in table.numbers:
+        found = f"found the column {table.declared.name(SIGMA_PX[0])} beside {table.declared.key}.sigma_px"
+        raise InputError(f"{table.source}: {found}, wanted only one of the two")
+    column, row, correlation = (table.numbers[name] for name in SIGMA_PX)
+    for name in SIGMA_PX[:2]:
+        table.require(table.numbers[name] > 0.0, name, wanted)
+    limit = f"a correlation of column and row, from -{CORRELATED} to {CORRELATED}"
+    table.require(np.abs(correlation) <= CORRELATED, SIGMA_PX[2], limit)
+    sigma, ellipse = ellipse_of(column, row, correlation)
+    return {"sigma_px": sigma, "ellipse": ellipse}
+
+
+def noise_columns(marks: Sightings | Detections) -> tuple[tuple[str, ...], tuple[Array, ...]]:
+    """Names and columns of the noise of marks: one sigma, or two and their correlation."""
+    if marks.ellipse is None:
+        return ("sigma_px",), (marks.sigma_px,)
+    return SIGMA_PX, ellipse_parts(marks.sigma_px, marks.ellipse)
 
 
 def bounds_px(count: float, shift_px: float) -> tuple[float, float]:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....physics.errors import InputError
-from ....table.campaign import Campaign, Detections, Sightings
+from ....table.campaign import Campaign, Detections, Sightings, some_of
 from ....table.coverage import covered, why_not
 from ...tables.read import Table
 
@@ -83,8 +83,7 @@ class Coverage:
     def kept(self) -> tuple[Sightings | Detections, Table]:
         """The marks that are covered, and the table that names their rows."""
         rows = np.flatnonzero(self.covered)
-        parts = {name: values[rows] for name, values in vars(self.marks).items()}
-        return type(self.marks)(**parts), self.rows.named_only(rows.tolist(), {})
+        return some_of(self.marks, rows), self.rows.named_only(rows.tolist(), {})
 
     def _entry(self, row: int) -> LeftOut:
         marks, campaign = self.marks, self.campaign
