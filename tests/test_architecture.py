@@ -23,7 +23,7 @@ MODULES = {
     for path in ROOT.rglob("*.py")
 }
 FOLDERS = (
-    *("physics", "table", "solve", "estimators", "judge", "identify", "ground", "plan", "study"),
+    *("physics", "table", "solve", "estimators", "judge", "identify", "ground", "imagery", "plan", "study"),
     *(
         "io.text",
         "io.tables",

@@ -1,0 +1,96 @@
+"""Residuals made white by what they predict of each other.
+
+What is left of another season is broad: neighbours say the same, and are worth less than as many independent numbers.
+
+Each residual is predicted from those before it, ``e(p) = r(p) - sum_k a_k r(p - k)`` over a half plane of :data:`ORDER`
+pixels, the coefficients by least squares.  The filter is laid over residuals and Jacobian alike: the estimate stays
+unbiased whatever the filter, and is the best there is where the residuals obey it.
+
+Source: P. Whittle, On stationary processes in the plane, Biometrika 41 (1954).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+ORDER = 2
+"""Rows and columns that a prediction reaches back."""
+CORRELATED = 0.08
+"""Correlation of neighbours from which residuals are worth whitening: less is what white noise of a chip shows."""
+_LEAST = 200
+"""So many residuals with all their neighbours are needed to find the coefficients by."""
+_BEFORE = [
+    *((0, -k) for k in range(1, ORDER + 1)),
+    *((-i, j) for i in range(1, ORDER + 1) for j in range(-ORDER, ORDER + 1)),
+]
+"""The half plane: rows and columns from a pixel to those before it."""
+
+
+@dataclass(frozen=True)
+class Whitener:
+    """A prediction by coefficients (k,) of the pixels before each; that of none leaves all as it is."""
+
+    coefficients: Array
+
+    @classmethod
+    def none(cls) -> Whitener:
+        return cls(np.empty(0))
+
+    @classmethod
+    def of(cls, residual: Array, good: Bools) -> Whitener:
+        """The filter for residuals (n, m) where they are ``good``; none where these are about white, or too few."""
+        q = np.where(good, residual, 0.0)
+        power = max(float(np.mean(q[good] ** 2)) if good.any() else 0.0, 1e-300)
+        beside = [_mean_product(q, good, 0, 1) / power, _mean_product(q, good, 1, 0) / power]
+        whole = _whole(good)
+        if max(map(abs, beside)) < CORRELATED or np.sum(whole) < _LEAST:
+            return cls.none()
+        before = np.stack([_moved(q, *lag)[whole] for lag in _BEFORE], axis=-1)
+        N = before.mT @ before
+        N += 1e-6 * np.trace(N) / len(N) * np.eye(len(N))
+        return cls(np.asarray(np.linalg.solve(N, before.mT @ q[whole])))
+
+    @property
+    def acts(self) -> bool:
+        return self.coefficients.size > 0
+
+    def reach(self, good: Bools) -> Bools:
+        """The pixels (n, m) whose filtered values come from good ones only."""
+        return _whole(good) if self.acts else good
+
+    def __call__(self, values: Array) -> Array:
+        """Values (n, m) or (n, m, p) filtered along the first two axes; what lies beyond the border counts as 0."""
+        if not self.acts:
+            return values
+        filtered = values.copy()
+        for a, lag in zip(self.coefficients.tolist(), _BEFORE, strict=True):
+            filtered -= a * _moved(values, *lag)
+        return filtered
+
+
+def _moved(values: Array, rows: int, columns: int) -> Array:
+    """At each pixel the value ``rows`` and ``columns`` on from it, 0 beyond the border."""
+    moved = np.zeros_like(values)
+    n, m = values.shape[:2]
+    to = slice(max(-rows, 0), n - max(rows, 0)), slice(max(-columns, 0), m - max(columns, 0))
+    of = slice(max(rows, 0), n - max(-rows, 0)), slice(max(columns, 0), m - max(-columns, 0))
+    moved[to] = values[of]
+    return moved
+
+
+def _whole(good: Bools) -> Bools:
+    """The pixels all of whose neighbours before them are good, as they are themselves."""
+    each = good.astype(np.float64)
+    return np.asarray(good & (sum(_moved(each, *lag) for lag in _BEFORE) == len(_BEFORE)))
+
+
+def _mean_product(q: Array, good: Bools, rows: int, columns: int) -> float:
+    """Mean product of good pixels with the good ones ``rows`` and ``columns`` on."""
+    pairs = good * _moved(good.astype(np.float64), rows, columns)
+    return float(np.sum(q * _moved(q, rows, columns))) / max(float(pairs.sum()), 1.0)

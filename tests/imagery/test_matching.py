@@ -1,0 +1,232 @@
+"""Least-squares matching: against closed forms, SciPy's solver and the Cramer-Rao bound."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from blobs import Blobs, grid
+from scipy.optimize import least_squares as scipy_least_squares
+
+from starplumb.imagery.matching.least_squares import SHAPE, match
+from starplumb.imagery.matching.sandwich import inverted, long_run
+from starplumb.imagery.matching.sharpness import blur_between
+from starplumb.imagery.matching.template import Template
+from starplumb.imagery.matching.whitening import Whitener
+
+N = 48
+STEP = 0.5
+UNBENT = np.zeros((2, 2))
+
+
+def template_of(ground, margin=12):
+    return Template(ground.on(2 * (N + 2 * margin) - 1, STEP), STEP)
+
+
+def window_of(ground, place, B=UNBENT, gain=1.0, offset=0.0, blur_px=0.0):
+    """A window in which the ground's origin lies at ``place`` from its centre."""
+    x, y = grid(N)
+    u, v = x - place[0], y - place[1]
+    at = (1.0 + B[0, 0]) * u + B[0, 1] * v, B[1, 0] * u + (1.0 + B[1, 1]) * v
+    return gain * ground.at(*at, blur_px) + offset
+
+
+CENTRE = 0.5 * (N - 1.0) * np.ones(2)
+
+
+def test_a_template_goes_through_its_samples_and_its_slopes_are_those_of_the_ground(rng):
+    ground = Blobs.draw(rng)
+    template = template_of(ground)
+    x, y = rng.uniform(-20.0, 20.0, (2, 200))
+    at = x + template.centre[0], y + template.centre[1]
+    np.testing.assert_allclose(template.at(*at), ground.at(x, y), atol=2e-3)
+    for ours, true in zip(template.slopes_at(*at), ground.slopes(x, y), strict=True):
+        np.testing.assert_allclose(ours, true, atol=0.02)
+    rows, columns = np.mgrid[:5, :7].astype(float)
+    np.testing.assert_allclose(template.at(STEP * columns, STEP * rows), template.samples[:5, :7], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("place", "B", "gain", "offset"),
+    [
+        ((0.0, 0.0), np.zeros((2, 2)), 1.0, 0.0),
+        ((0.37, -0.81), np.zeros((2, 2)), 1.0, 0.0),
+        ((-0.6, 0.2), np.array([[0.01, 0.02], [-0.015, -0.008]]), 3.0, 40.0),
+        ((0.3, 0.3), np.zeros((2, 2)), -0.5, 2.0),
+    ],
+    ids=["nothing", "shift", "affine and radiometry", "contrast reversed"],
+)
+def test_a_window_without_noise_is_found_where_it_is(rng, place, B, gain, offset):
+    ground = Blobs.draw(rng)
+    found = match(template_of(ground), window_of(ground, place, B, gain, offset), CENTRE)
+    np.testing.assert_allclose(found.place_px - CENTRE, place, atol=1e-3)
+    np.testing.assert_allclose(found.shape, B, atol=2e-4)
+    assert found.gain == pytest.approx(gain, rel=2e-3)
+    assert found.agreement == pytest.approx(np.sign(gain), abs=1e-3)
+
+
+def test_the_search_may_begin_two_pixels_away(rng):
+    ground = Blobs.draw(rng)
+    found = match(template_of(ground), window_of(ground, (0.2, 0.1)), CENTRE + np.array([1.6, -1.3]))
+    np.testing.assert_allclose(found.place_px - CENTRE, (0.2, 0.1), atol=1e-3)
+
+
+def test_with_noise_the_place_is_that_of_scipys_least_squares_on_the_ground_itself(rng):
+    ground, place = Blobs.draw(rng), np.array([0.4, -0.2])
+    window = window_of(ground, place, gain=2.0) + rng.normal(0.0, 0.05, (N, N))
+    found = match(template_of(ground), window, CENTRE)
+
+    def left(p):
+        model = window_of(ground, p[:2], p[2:6].reshape(2, 2), p[6], p[7])
+        return np.concatenate([((window - model) / 0.05).ravel(), p[2:6] / SHAPE])
+
+    best = scipy_least_squares(left, [0.0] * 6 + [1.0, 0.0], x_scale=[0.1, 0.1, *[0.01] * 4, 1.0, 1.0])
+    apart = found.place_px - CENTRE - best.x[:2]
+    # Tukey's weights lose 5 % of efficiency: a fifth of a sigma
+    assert np.all(np.abs(apart) < 0.7 * np.sqrt(np.diag(found.covariance_px2)))
+    J = best.jac
+    exact = np.sqrt(np.diag(np.linalg.inv(J.T @ J))[:2])
+    np.testing.assert_allclose(np.sqrt(np.diag(found.covariance_px2)), exact, rtol=0.35)
+
+
+def errors_in(rng, trials, spoil):
+    """Errors (t, 2) and covariances (t, 2, 2) of windows, and the bound for white noise of 0.1 (t, 2, 2)."""
+    errors, covariances, bounds = [], [], []
+    x, y = grid(N)
+    for _ in range(trials):
+        ground, place = Blobs.draw(rng), rng.uniform(-0.5, 0.5, 2)
+        T = ground.on(N, 1.0, place)
+        found = match(template_of(ground), spoil(T), CENTRE)
+        errors.append(found.place_px - CENTRE - place)
+        covariances.append(found.covariance_px2)
+        gx, gy = (
+            -(ground.on(N, 1.0, place + h) - ground.on(N, 1.0, place - h)) / 2e-3 for h in 1e-3 * np.eye(2)
+        )
+        J = np.stack([gx, gy, gx * x, gx * y, gy * x, gy * y, T, np.ones((N, N))], axis=-1).reshape(-1, 8)
+        prior = np.diag([0.0, 0.0, *[SHAPE**-2] * 4, 0.0, 0.0])
+        bounds.append(np.linalg.inv(J.T @ J / 0.1**2 + prior)[:2, :2])
+    return np.array(errors), np.array(covariances), np.array(bounds)
+
+
+def whitened_rms(errors, covariances):
+    L = np.linalg.cholesky(covariances)
+    return float(np.sqrt(np.mean(np.linalg.solve(L, errors[..., None]) ** 2)))
+
+
+@pytest.mark.slow
+def test_under_white_noise_the_errors_reach_the_bound_and_the_sigmas_are_honest(rng):
+    errors, covariances, bounds = errors_in(rng, 200, lambda z: z + rng.normal(0.0, 0.1, z.shape))
+    # 400 numbers: their rms is known to 4 %
+    assert whitened_rms(errors, bounds) < 1.15
+    assert 0.9 < whitened_rms(errors, covariances) < 1.1
+    assert np.abs(np.mean(errors, axis=0)).max() < 4.0 * np.std(errors) / np.sqrt(len(errors))
+
+
+def broad_noise(rng, n):
+    """Noise of 0.2 that hardly changes over 3 px, and a little white noise, (n, n)."""
+    from scipy.ndimage import gaussian_filter
+
+    broad = gaussian_filter(rng.normal(size=(3 * n, 3 * n)), 3.0)[n:-n, n:-n]
+    return 0.2 * broad * 2.0 * np.sqrt(np.pi) * 3.0 + rng.normal(0.0, 0.02, (n, n))
+
+
+@pytest.mark.slow
+def test_broad_noise_is_whitened_which_halves_the_errors_and_the_sigmas_are_honest(rng, monkeypatch):
+    seeds = np.random.default_rng(7), np.random.default_rng(7)
+    errors, covariances, _ = errors_in(seeds[0], 100, lambda z: z + broad_noise(seeds[0], N))
+    # 200 numbers: their rms is known to 5 %
+    assert 0.88 < whitened_rms(errors, covariances) < 1.12
+    monkeypatch.setattr(Whitener, "of", classmethod(lambda cls, *_: cls.none()))
+    plain, _, _ = errors_in(seeds[1], 100, lambda z: z + broad_noise(seeds[1], N))
+    assert np.std(errors) < 0.5 * np.std(plain)
+
+
+def test_what_lies_in_masked_pixels_does_not_matter(rng):
+    ground = Blobs.draw(rng)
+    window = window_of(ground, (0.3, 0.1)) + rng.normal(0.0, 0.02, (N, N))
+    use = np.ones((N, N), bool)
+    use[:, :15] = False
+    first, second = window.copy(), window.copy()
+    first[:, :15], second[:, :15] = 100.0, np.nan
+    one, other = (match(template_of(ground), each, CENTRE, use) for each in (first, second))
+    np.testing.assert_array_equal(one.place_px, other.place_px)
+    np.testing.assert_allclose(one.place_px - CENTRE, (0.3, 0.1), atol=0.01)
+    assert one.kept == pytest.approx(33 / 48, abs=0.05)
+
+
+def test_changed_ground_loses_its_weight(rng):
+    ground = Blobs.draw(rng)
+    window = window_of(ground, (0.3, 0.1)) + rng.normal(0.0, 0.02, (N, N))
+    window[10:20, 20:34] = 4.0 + rng.normal(0.0, 0.1, (10, 14))
+    found = match(template_of(ground), window, CENTRE)
+    assert (
+        np.abs(found.place_px - CENTRE - (0.3, 0.1)).max()
+        < 5.0 * np.sqrt(np.diag(found.covariance_px2)).max()
+    )
+    assert np.median(found.weight[10:20, 20:34]) == 0.0
+
+
+def test_a_flat_window_gives_no_place(rng):
+    ground = Blobs.draw(rng)
+    assert match(template_of(ground), np.full((N, N), 7.0), CENTRE) is None
+    assert match(template_of(ground), np.full((N, N), np.nan), CENTRE) is None
+
+
+@pytest.mark.parametrize("width", [0.0, 0.6, 1.1])
+def test_the_blur_between_two_is_the_one_that_was_there(rng, width):
+    ground = Blobs.draw(rng)
+    template, (x, y) = template_of(ground), grid(N)
+    window = window_of(ground, (0.0, 0.0), blur_px=width) + rng.normal(0.0, 0.005, (N, N))
+    places = x + template.centre[0], y + template.centre[1]
+    assert blur_between(template, window, places, np.ones((N, N))) == pytest.approx(width, abs=0.08)
+
+
+def test_the_long_run_covariance_is_the_tapered_sum_over_all_pairs(rng):
+    scores = rng.normal(size=(6, 7, 2))
+    expected = np.zeros((2, 2))
+    for i, j in np.ndindex(6, 7):
+        for k, m in np.ndindex(6, 7):
+            taper = max(1.0 - abs(i - k) / 4.0, 0.0) * max(1.0 - abs(j - m) / 4.0, 0.0)
+            expected += taper * np.outer(scores[i, j], scores[k, m])
+    np.testing.assert_allclose(long_run(scores, 3), expected, rtol=1e-12)
+
+
+def test_a_matrix_of_unlike_scales_is_inverted(rng):
+    A = rng.normal(size=(4, 4))
+    scale = np.array([1e-6, 1.0, 1e4, 1e-3])
+    N4 = (A @ A.T + np.eye(4)) * scale[:, None] * scale
+    expected = np.linalg.inv(A @ A.T + np.eye(4)) / scale[:, None] / scale
+    np.testing.assert_allclose(inverted(N4), expected, rtol=1e-9)
+
+
+def test_white_residuals_are_left_as_they_are_and_broad_ones_made_white(rng):
+    good = np.ones((N, N), bool)
+    assert not Whitener.of(rng.normal(size=(N, N)), good).acts
+    broad = broad_noise(rng, N)
+
+    def beside(q):
+        return np.sum(q[:, 1:] * q[:, :-1]) / np.sum(q * q)
+
+    whitener = Whitener.of(broad, good)
+    inside = whitener(broad)[2:, 2:-2]
+    assert beside(broad) > 0.9
+    assert abs(beside(inside)) < 0.15
+    assert np.std(inside) < 0.3 * np.std(broad)
+    both = whitener(np.stack([broad, good.astype(float)], axis=-1))
+    np.testing.assert_array_equal(both[..., 0], whitener(broad))
+
+
+def test_a_prediction_of_known_coefficients_is_found_and_reaches_over_good_pixels_only(rng):
+    e = rng.normal(size=(N, N))
+    q = np.zeros((N, N))
+    for i, j in np.ndindex(N, N):
+        q[i, j] = e[i, j] + 0.5 * (q[i, j - 1] if j else 0.0) + 0.3 * (q[i - 1, j] if i else 0.0)
+    good = np.ones((N, N), bool)
+    good[20, 30] = False
+    whitener = Whitener.of(q, good)
+    np.testing.assert_allclose(whitener.coefficients[0], 0.5, atol=0.08)
+    assert np.std(whitener(q)[4:, 4:-4]) == pytest.approx(np.std(e), rel=0.05)
+    seen = whitener.reach(good)
+    assert seen.sum() == (N - 2) * (N - 4) - 13
+    assert not seen[20, 30:33].any()
+    assert not seen[21:23, 28:33].any()
+    assert seen[20, 29]
