@@ -98,7 +98,7 @@ def test_several_satellites_need_a_name(put):
     assert read_sp3(path, "L47").r[0, 0] == -6816123.456
     with pytest.raises(InputError, match=r"orbit.sp3: holds 2 satellites, name one of G01, L47"):
         read_sp3(path)
-    with pytest.raises(InputError, match=r"holds no satellite 'L48', name one of G01, L47"):
+    with pytest.raises(InputError, match=r'holds no satellite "L48", name one of G01, L47'):
         read_sp3(path, "L48")
 
 
@@ -130,16 +130,16 @@ def test_predicted_and_manoeuvre_flags_are_said(put):
 
 
 BAD = {
-    "another format": ("time,x_m\n1,2\n", "line 1: found 'time,x_m', wanted an SP3 header"),
+    "another format": ("time,x_m\n1,2\n", 'line 1: found "time,x_m", wanted an SP3 header'),
     "version e": (sp3(version="e"), "line 1: this is SP3-e, wanted SP3-a, -b, -c or -d"),
-    "undefined frame": (sp3(frame="UNDEF"), "the coordinate system is 'UNDEF'"),
-    "no frame": (sp3(frame=""), "the coordinate system is ''"),
-    "GLONASS time": (sp3(scale="GLO"), "line 5: the time system is 'GLO', wanted one of GPS, UTC, TAI"),
+    "undefined frame": (sp3(frame="UNDEF"), 'the coordinate system is "UNDEF"'),
+    "no frame": (sp3(frame=""), 'the coordinate system is ""'),
+    "GLONASS time": (sp3(scale="GLO"), 'line 5: the time system is "GLO", wanted one of GPS, UTC, TAI'),
     "no time system": (sp3().replace("%c", "/*"), "found no %c line"),
     "no satellite": (sp3(satellites=()), "the header lists no satellite"),
     "no EOF": (sp3(ROWS[:3], end=""), "the file breaks off, the closing EOF is missing"),
     "last line cut": (sp3(end="").rstrip("\n")[:-25], "line 15: the file breaks off"),
-    "no time system in version c": (sp3(scale="ccc"), "the time system is 'ccc'"),
+    "no time system in version c": (sp3(scale="ccc"), 'the time system is "ccc"'),
     "seven words": (
         sp3(["*  2000  1  1 12  0  1 30.5", *ROWS[1:]]),
         "line 10: found .*wanted . year month day",
@@ -201,7 +201,7 @@ def test_a_circular_orbit_moves_as_its_velocities_say(put):
 def test_a_frame_that_only_turns_with_the_earth_is_itrf_and_said(put, frame):
     table = read_sp3(put(sp3(frame=frame)), frame="GCRF")
     assert table.frame == "ITRF"
-    says = f"line 1: the coordinate system is '{frame}', which turns with the Earth: taken for ITRF"
+    says = f'line 1: the coordinate system is "{frame}", which turns with the Earth: taken for ITRF'
     assert [notice.partition(", ")[2] for notice in table.notices] == [says]
 
 

@@ -4,7 +4,17 @@ from __future__ import annotations
 
 
 class StarplumbError(Exception):
-    """Base of every error starplumb raises on purpose; its text is meant for the user as it stands."""
+    """Base of every error starplumb raises on purpose; its text is meant for the user as it stands.
+
+    Of what it echoes of a file or its name, letters that a terminal would act upon are escaped.
+    """
+
+    def __init__(self, message: str = "") -> None:
+        super().__init__(message if message.isprintable() else "".join(map(_printable, message)))
+
+
+def _printable(letter: str) -> str:
+    return letter if letter.isprintable() else repr(letter)[1:-1]
 
 
 class InputError(StarplumbError):

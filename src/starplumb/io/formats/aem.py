@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..text.files import show
 from .ccsds_file import add_segments, blank, digits, load, save
 from .ccsds_message import (
     Dialect,
@@ -146,7 +147,7 @@ def _refuse_removed(message: Message, segment: Segment, key: str, implied: str) 
     """Version 2 dropped two keywords; one that contradicts what it fixed instead leaves the meaning open."""
     entry = segment.meta.get(key)
     if entry is not None and entry.text.upper() != implied:
-        fault = f"{key} is {entry.text!r}, but version 2 has no such keyword and always means {implied}"
+        fault = f"{key} is {show(entry.text)}, but version 2 has no such keyword and always means {implied}"
         raise message.error(entry.line, f"{fault}; remove it, or set CCSDS_AEM_VERS to 1.0 if it is meant")
 
 

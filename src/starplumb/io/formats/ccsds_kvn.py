@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from ...physics.errors import InputError
+from ..text.files import show
 from .ccsds_message import Dialect, Entry, Message, Segment, set_version
 
 _MARKS = frozenset(
@@ -62,7 +63,7 @@ class _Parser:
     def _row(self, line: int, words: list[str]) -> None:
         if "=" in words or words[0][:1].isalpha():
             raise self.message.error(
-                line, f"found {' '.join(words)[:40]!r} among the data, wanted an epoch and numbers"
+                line, f"found {show(' '.join(words))} among the data, wanted an epoch and numbers"
             )
         self.segment.epochs.append(words[0])
         self.segment.rows.append(words[1:])
@@ -72,7 +73,7 @@ class _Parser:
         key, equals, value = (part.strip() for part in text.partition("="))
         if not equals or not key:
             raise self.message.error(
-                line, f"found {text.strip()[:40]!r} in {self.place}, wanted keyword = value"
+                line, f"found {show(text.strip())} in {self.place}, wanted keyword = value"
             )
         if not self.message.version:
             self._first(line, key, value)

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from decimal import Decimal, InvalidOperation
 from itertools import chain, pairwise
 from typing import NamedTuple
 
@@ -17,6 +16,9 @@ import numpy as np
 
 from ...physics import timescales
 from ...physics.errors import EpochError, InputError
+from ..text.files import show
+from ..text.numbers import numbers as all_numbers
+from ..text.numbers import whole
 from .series_tables import EpochArray, FloatArray, Rows
 
 
@@ -84,9 +86,11 @@ HEADER_KEYS = frozenset({"CREATION_DATE", "ORIGINATOR", "MESSAGE_ID", "CLASSIFIC
 def set_version(message: Message, dialect: Dialect, found: Entry) -> None:
     """Take the version of the message; InputError where this reader does not know it."""
     major, _, minor = found.text.partition(".")
-    if not (major.isdecimal() and int(major) in dialect.versions and minor.strip("0") == ""):
+    if not (whole(major) in dialect.versions and minor.strip("0") == ""):
         wanted = ", ".join(f"{number}.0" for number in dialect.versions)
-        raise message.error(found.line, f"{dialect.version_key} is {found.text!r}, wanted one of {wanted}")
+        raise message.error(
+            found.line, f"{dialect.version_key} is {show(found.text)}, wanted one of {wanted}"
+        )
     message.version = int(major)
 
 
@@ -119,7 +123,7 @@ def common(message: Message, key: str) -> str:
     for segment in message.segments[1:]:
         other = segment.meta[key]
         if other.text != first.text:
-            found = f"{key} is {other.text!r} but {first.text!r} in the first segment"
+            found = f"{key} is {show(other.text)} but {show(first.text)} in the first segment"
             raise message.error(other.line, f"{found}, one file must keep to one")
     return first.text
 
@@ -132,7 +136,7 @@ def choice(message: Message, segment: Segment, key: str, wanted: tuple[str, ...]
         raise message.error(segment.line, f"the metadata that start here lack {key}, wanted {words}")
     value = entry.text.upper()
     if value not in wanted:
-        raise message.error(entry.line, f"{key} is {entry.text!r}, wanted {words}")
+        raise message.error(entry.line, f"{key} is {show(entry.text)}, wanted {words}")
     return value
 
 
@@ -142,7 +146,7 @@ def time_scale(message: Message) -> str:
     if found.upper() not in timescales.SCALES:
         line = message.segments[0].meta["TIME_SYSTEM"].line
         wanted = ", ".join(timescales.SCALES)
-        raise message.error(line, f"TIME_SYSTEM is {found!r}, wanted one of {wanted}")
+        raise message.error(line, f"TIME_SYSTEM is {show(found)}, wanted one of {wanted}")
     return found.upper()
 
 
@@ -161,38 +165,13 @@ def numbers(message: Message, segment: Segment, columns: slice, power: int = 0) 
     correctly rounded and a value written by this package comes back bit for bit.
     """
     rows = [row[columns] for row in segment.rows]
-    suffix = f"e{power}"
-    flat = list(chain.from_iterable(rows))
-    try:
-        joined = "".join(flat)
-        if (
-            "_" in joined or not joined.isascii()
-        ):  # float() takes 1_000 for a thousand, and digits of any script
-            raise ValueError
-        values = np.array([float(text + suffix) for text in flat])
-    except ValueError:  # an exponent of its own, or no number
-        values = np.array(
-            [
-                _number(message, line, text, power)
-                for row, line in zip(rows, segment.lines, strict=True)
-                for text in row
-            ]
-        )
-    values = values.reshape(len(rows), -1)
+    values = all_numbers(list(chain.from_iterable(rows)), power).reshape(len(rows), -1)
     finite = np.isfinite(values).all(axis=1)
     if not finite.all():
         row = int(np.argmin(finite))
-        raise message.error(segment.lines[row], f"found {' '.join(rows[row])}, wanted finite numbers")
+        wrong = rows[row][int(np.argmin(np.isfinite(values[row])))]
+        raise message.error(segment.lines[row], f"found {show(wrong)}, wanted a finite number")
     return values
-
-
-def _number(message: Message, line: int, text: str, power: int) -> float:
-    try:
-        if "_" in text or not text.isascii():
-            raise InvalidOperation
-        return float(Decimal(text).scaleb(power))
-    except InvalidOperation:
-        raise message.error(line, f"found {text!r}, wanted a number") from None
 
 
 def epochs(message: Message, texts: Sequence[str], lines: Sequence[int], scale: str) -> EpochArray:

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from xml.sax.saxutils import escape
 
 from ...physics.errors import InputError
+from ..text.files import show
 from ..text.xml_tree import XmlElement, parse_xml
 from .ccsds_message import Dialect, Entry, Message, Segment, choice, set_version
 
@@ -87,7 +88,7 @@ def _take_record(message: Message, dialect: Dialect, segment: Segment, record: X
         if wanted is None:
             continue
         if (unit := leaf.get("units")) and unit != wanted:
-            raise message.error(leaf.line, f"{leaf.tag} is in {unit!r}, wanted {wanted or 'no unit'}")
+            raise message.error(leaf.line, f"{leaf.tag} is in {show(unit)}, wanted {wanted or 'no unit'}")
         _enter(message, found, leaf)
     for name in ("EPOCH", *dialect.columns):
         if name not in found:

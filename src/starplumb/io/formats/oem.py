@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ...physics.errors import InputError
+from ..text.files import show
 from ..text.frames import earth_frame
 from .ccsds_file import add_segments, blank, digits, load, save
 from .ccsds_message import (
@@ -101,11 +102,11 @@ def _frame(message: Message, segment: Segment) -> str:
     """The frame by our name; the centre must be the Earth's."""
     center = segment.meta["CENTER_NAME"]
     if center.text.upper() != "EARTH":
-        raise message.error(center.line, f"CENTER_NAME is {center.text!r}, wanted EARTH")
+        raise message.error(center.line, f"CENTER_NAME is {show(center.text)}, wanted EARTH")
     frame = segment.meta["REF_FRAME"]
     if (known := earth_frame(frame.text)) is not None:
         return known
-    raise message.error(frame.line, f"REF_FRAME is {frame.text!r}, wanted {_ACCEPTED}")
+    raise message.error(frame.line, f"REF_FRAME is {show(frame.text)}, wanted {_ACCEPTED}")
 
 
 def write_oem_kvn(

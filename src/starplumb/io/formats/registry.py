@@ -17,6 +17,7 @@ import numpy as np
 from ...physics.errors import InputError
 from ...physics.orbit import velocity_fault
 from ..text.files import read_beginning, show, trouble
+from ..text.numbers import whole
 from .series_tables import AttitudeTable, EphemerisTable
 
 Series = TypeVar("Series", EphemerisTable, AttitudeTable)
@@ -151,10 +152,10 @@ def _with_possible_velocities(path: Path, table: EphemerisTable) -> EphemerisTab
 def _read_spk(path: Path, asked: Asked) -> EphemerisTable:
     from .spice import read_spk
 
-    if asked.object is not None and not asked.object.lstrip("-").isdecimal():
+    target = None if asked.object is None else whole(asked.object)
+    if asked.object is not None and target is None:
         found = f"found ephemeris.object = {show(asked.object)}"
         raise InputError(f"{path}: {found}, wanted the whole number by which SPICE knows the satellite")
-    target = None if asked.object is None else int(asked.object)
     return read_spk(path, start_ns=asked.start_ns, stop_ns=asked.stop_ns, target=target)
 
 

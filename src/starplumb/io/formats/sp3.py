@@ -15,8 +15,9 @@ import numpy as np
 
 from ...physics import timescales
 from ...physics.errors import EpochError, InputError
-from ..text.files import read_text
+from ..text.files import read_text, show
 from ..text.frames import earth_frame
+from ..text.numbers import whole
 from .series_tables import EphemerisTable, FloatArray
 from .sp3_lines import name_of, read_epoch, vector
 
@@ -99,13 +100,13 @@ def _header(path: str | Path, lines: list[str], stated: str | None) -> _Header:
     first = lines[0]
     if not re.match(r"#[a-z]", first):
         raise InputError(
-            f"{path}, line 1: found {first[:20]!r}, wanted an SP3 header that begins with #a, #b, #c or #d"
+            f"{path}, line 1: found {show(first[:20])}, wanted an SP3 header that begins with #a, #b, #c or #d"
         )
     if first[1] not in "abcd":
         raise InputError(f"{path}, line 1: this is SP3-{first[1]}, wanted SP3-a, -b, -c or -d")
     frame_text, epochs = first[46:51].strip(), first[32:39].strip()
     frame, notices = _frame(path, frame_text, stated)
-    header = _Header(frame, frame_text, int(epochs) if epochs.isdecimal() else 0, notices=notices)
+    header = _Header(frame, frame_text, whole(epochs) or 0, notices=notices)
     for number, line in enumerate(lines[1:], 2):
         if line.startswith("*"):
             break
@@ -125,7 +126,7 @@ def _time_scale(path: str | Path, number: int, word: str, version: str) -> str:
         return "GPS"
     if word not in _SCALES:
         wanted = ", ".join(_SCALES)
-        raise InputError(f"{path}, line {number}: the time system is {word!r}, wanted one of {wanted}")
+        raise InputError(f"{path}, line {number}: the time system is {show(word)}, wanted one of {wanted}")
     return _SCALES[word]
 
 
@@ -136,7 +137,7 @@ def _frame(path: str | Path, word: str, stated: str | None) -> tuple[str, list[s
         return "ITRF", []
     if (known := earth_frame(name)) is not None:
         return known, []
-    found = f"{path}, line 1: the coordinate system is {word!r}"
+    found = f"{path}, line 1: the coordinate system is {show(word)}"
     if _TURNING.fullmatch(name):
         return "ITRF", [f"{found}, which turns with the Earth: taken for ITRF"]
     if stated is None:
@@ -154,7 +155,7 @@ def _choose(path: str | Path, names: list[str], satellite: str | None) -> str:
             raise InputError(f"{path}: holds {len(names)} satellites, name one of {listed}")
         return names[0]
     if satellite not in names:
-        raise InputError(f"{path}: holds no satellite {satellite!r}, name one of {listed}")
+        raise InputError(f"{path}: holds no satellite {show(satellite)}, name one of {listed}")
     return satellite
 
 

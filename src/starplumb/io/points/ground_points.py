@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ...physics.errors import InputError
 from ..text.files import show
+from ..text.numbers import finite_float, number
 
 Array = NDArray[np.float64]
 
@@ -63,11 +64,8 @@ def image_id(text: str) -> str:
 
 def finite(where: str, text: object, what: str = "a finite number") -> float:
     """The number that a text is.  Raises InputError."""
-    try:
-        value = float(text) if isinstance(text, str | int | float) and not isinstance(text, bool) else np.nan
-    except ValueError:
-        value = np.nan
-    if not np.isfinite(value) or (isinstance(text, str) and (not text.isascii() or "_" in text)):
+    value = number(text) if isinstance(text, str) else finite_float(text)
+    if value is None or not np.isfinite(value):
         raise InputError(f"{where}: found {show(text)}, wanted {what}")
     return value
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from ...physics.errors import InputError
 from ..text.files import read_text, show
+from ..text.numbers import numbers
 from .from_rows import from_rows
 from .ground_points import GroundPoints, Row, finite, image_id
 
@@ -34,10 +35,8 @@ def read_odm(path: Path, crs: str | None = None) -> GroundPoints:
 
 
 def _is_point(line: str) -> bool:
-    try:
-        return len([float(word) for word in line.split()[:5]]) == 5
-    except ValueError:
-        return False
+    words = line.split()[:5]
+    return len(words) == 5 and bool(np.isfinite(numbers(words)).all())
 
 
 def _row(path: Path, at: int, words: list[str]) -> Row:

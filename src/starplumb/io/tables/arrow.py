@@ -170,9 +170,11 @@ def read_binary(path: Path, kind: str) -> Any:
 
             return parquet.ParquetFile(path).read()
         with pa.memory_map(str(path)) as file:
-            return (pa.ipc.open_file(file) if kind == "Arrow" else pa.ipc.open_stream(file)).read_all()
+            table = (pa.ipc.open_file(file) if kind == "Arrow" else pa.ipc.open_stream(file)).read_all()
+            table.validate(full=True)  # what Arrow reads it believes, and then leaves its own memory
+            return table
     except (pa.ArrowException, OSError) as error:
-        reason = " ".join(str(error).split())[:120]
+        reason = show(str(error))[1:-1]
         raise InputError(f"{path}: found a damaged {kind} file ({reason}), wanted a whole one") from None
 
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from math import isfinite
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...physics.errors import InputError
 from ..text.files import composed, show
+from ..text.numbers import numbers
 from .schema import Schema
 
 Array = NDArray[np.float64]
@@ -64,24 +64,13 @@ def to_numbers(
     """Finite numbers (n,) of n cells. Raises InputError about the first cell that is not one."""
     if decimal != ".":
         cells = [cell.replace(decimal, ".") for cell in cells]
-    joined = "".join(cells)
-    if joined.isascii() and "_" not in joined:  # float() takes 1_000 and the digits of other scripts
-        try:
-            values = np.fromiter(map(float, cells), dtype=np.float64, count=len(cells))
-        except ValueError:
-            values = np.full(len(cells), np.nan)
-        if np.isfinite(values).all():
-            return values
-    row = next(i for i, cell in enumerate(cells) if not _is_number(cell))
+    values = numbers(cells)
+    good = np.isfinite(values)
+    if good.all():
+        return values
+    row = int(np.argmin(good))
     found = cells[row].strip() or None
     raise cell_error(name, row_number(row), column, found, NUMBER if found else f"{NUMBER} in every row")
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        return cell.isascii() and "_" not in cell and isfinite(float(cell))
-    except ValueError:
-        return False
 
 
 def to_texts(name: str, column: str, cells: Sequence[str], row_number: Callable[[int], int]) -> list[str]:

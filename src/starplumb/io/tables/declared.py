@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from decimal import Decimal, InvalidOperation
+from decimal import Decimal
 from typing import Literal
 
 import numpy as np
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ...physics.errors import EpochError, InputError
 from ...physics.timescales import of_count, parse
 from ..text.files import nearest, show
+from ..text.numbers import decimal
 from .schema import Schema, Value
 
 Epochs = NDArray[np.int64]
@@ -70,11 +71,8 @@ class Times:
 
 
 def _decimal(cell: str, row: int) -> Decimal:
-    try:
-        number = Decimal(cell) if cell.isascii() and "_" not in cell else Decimal("nan")
-    except InvalidOperation:
-        number = Decimal("nan")
-    if not number.is_finite() or abs(number) > 10**15:
+    number = decimal(cell)
+    if number is None or abs(number) > 10**15:
         raise EpochError(
             f'found {show(cell)}, wanted a number, as time.format says; a date is format = "iso"', row
         )

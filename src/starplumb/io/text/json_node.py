@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ...physics.errors import InputError
 from .files import show
+from .numbers import finite_float
 
 Array = NDArray[np.float64]
 
@@ -58,9 +59,10 @@ class JsonNode:
     def number(self, name: str, default: float | None = None) -> float:
         """A finite number in it."""
         value = self._get(name) if default is None else self.value.get(name, default)
-        if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
+        found = finite_float(value)
+        if found is None:
             raise self.error(name, value, "a finite number")
-        return float(value)
+        return found
 
     def count(self, name: str) -> int:
         """A positive whole number in it."""

@@ -8,7 +8,6 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import isfinite
 from pathlib import Path
 from xml.etree.ElementTree import Element
 
@@ -18,6 +17,7 @@ from numpy.typing import NDArray
 from ...physics.errors import EpochError, InputError
 from ...physics.timescales import parse
 from .files import read_bytes, show
+from .numbers import numbers
 from .xml_tree import parse_xml
 
 Array = NDArray[np.float64]
@@ -106,12 +106,11 @@ class Node:
     def numbers(self, count: int | None = None) -> Array:
         """Finite numbers separated by blanks or commas, ``count`` of them or, for None, at least one."""
         words = self.text.replace(",", " ").split()
-        values = [_number(word) for word in words]
-        good = [value for value in values if value is not None]
-        if not words or len(good) != len(words) or count not in (None, len(words)):
+        values = numbers(words)
+        if not words or not np.isfinite(values).all() or count not in (None, len(words)):
             wanted = {None: "numbers", 1: "a number"}.get(count, f"{count} numbers")
             raise self.error(show(self.text), wanted)
-        return np.array(good)
+        return values
 
     def number(self) -> float:
         return float(self.numbers(1)[0])
@@ -139,14 +138,6 @@ class Node:
             return int(parse([text], scale)[0])
         except EpochError as error:
             raise self.error(show(self.text), f"a time ({error})") from None
-
-
-def _number(word: str) -> float | None:
-    try:
-        value = float(word) if word.isascii() and "_" not in word else float("nan")
-    except ValueError:
-        return None
-    return value if isfinite(value) else None
 
 
 def require_increasing(nodes: list[Node], t_ns: Epochs) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 from pydantic import BeforeValidator, Field
 
 from .files import show
+from .numbers import finite_float
 from .sections import wrong
 
 UNIT_TOLERANCE = 1e-3
@@ -23,7 +24,7 @@ def number(wanted: str, good: Callable[[float], bool] = isfinite) -> Callable[[o
     """Validator of one finite number for which ``good`` holds; text and truth values do not pass."""
 
     def check(value: object) -> float:
-        x = _float(value)
+        x = finite_float(value)
         if x is None or not good(x):
             raise wrong(value, wanted)
         return x
@@ -37,7 +38,7 @@ def vector(
     """Validator of a list of ``n`` finite numbers for each of which ``good`` holds."""
 
     def check(value: object) -> tuple[float, ...]:
-        items = [_float(item) for item in value] if isinstance(value, list | tuple) else []
+        items = [finite_float(item) for item in value] if isinstance(value, list | tuple) else []
         numbers = tuple(x for x in items if x is not None and good(x))
         if len(items) != n or len(numbers) != n:
             raise wrong(value, wanted)
@@ -54,16 +55,6 @@ def one_or_three(wanted: str, good: Callable[[float], bool]) -> Callable[[object
         return three(value) if isinstance(value, list | tuple) else (one(value),) * 3
 
     return check
-
-
-def _float(value: object) -> float | None:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return None
-    try:
-        x = float(value)
-    except OverflowError:
-        return None
-    return x if isfinite(x) else None
 
 
 def _positive(x: float) -> bool:

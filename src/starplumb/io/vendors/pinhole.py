@@ -23,6 +23,7 @@ from ...physics.light import Corrections
 from ..gis.drivers import open_raster
 from ..text.files import read_text, show
 from ..text.json_node import JsonNode
+from ..text.numbers import numbers
 from .vendor import Detectors, Product
 
 Array = NDArray[np.float64]
@@ -114,27 +115,24 @@ def _tsai(path: Path, text: str) -> _Pinhole:
     values = dict(line.split("=", 1) for line in lines if "=" in line)
     values = {key.strip(): value for key, value in values.items()}
 
-    def numbers(key: str, n: int) -> Array:
+    def several(key: str, n: int) -> Array:
         words = values.get(key, "").split()
-        try:
-            found = np.array([float(word) for word in words if word.isascii()])
-        except ValueError:
-            found = np.empty(0)
+        found = numbers(words)
         if found.size != n or not np.isfinite(found).all():
             raise InputError(f"{path}, {key}: found {show(' '.join(words))}, wanted {n} finite numbers")
         return found
 
-    axes = np.stack([numbers(f"{axis}_direction", 3) for axis in "uvw"])
+    axes = np.stack([several(f"{axis}_direction", 3) for axis in "uvw"])
     if not np.array_equal(axes, np.eye(3)):
         raise InputError(f"{path}: found other directions of u, v, w than x, y, z, wanted them in R instead")
-    fu, fv, cu, cv, pitch = (float(numbers(key, 1)[0]) for key in ("fu", "fv", "cu", "cv", "pitch"))
+    fu, fv, cu, cv, pitch = (float(several(key, 1)[0]) for key in ("fu", "fv", "cu", "cv", "pitch"))
     if not pitch > 0.0:
         raise InputError(f"{path}, pitch: found {pitch:g}, wanted a positive number")
     lens = lines[next(i for i, line in enumerate(lines) if line.startswith("pitch")) + 1 :][:1] or ["NULL"]
     distortion = Distortion()
     if lens[0].upper() == "TSAI":
-        k1, k2, p1, p2 = (float(numbers(key, 1)[0]) for key in ("k1", "k2", "p1", "p2"))
-        k3 = float(numbers("k3", 1)[0]) if "k3" in values else 0.0
+        k1, k2, p1, p2 = (float(several(key, 1)[0]) for key in ("k1", "k2", "p1", "p2"))
+        k3 = float(several("k3", 1)[0]) if "k3" in values else 0.0
         distortion = Distortion((k1, k2, k3), (p1, p2))
     elif lens[0].upper() != "NULL":
         raise InputError(
@@ -143,8 +141,8 @@ def _tsai(path: Path, text: str) -> _Pinhole:
     return _Pinhole(
         (fu / pitch, fv / pitch),
         (cu / pitch, cv / pitch),
-        numbers("C", 3),
-        numbers("R", 9).reshape(3, 3).mT,
+        several("C", 3),
+        several("R", 9).reshape(3, 3).mT,
         distortion,
     )
 

@@ -18,6 +18,7 @@ from ....physics import timescales
 from ....physics.errors import EpochError, InputError
 from ...text.files import read_text, show
 from ...text.frames import EarthFrame
+from ...text.numbers import numbers
 from ..quaternions import unit
 from ..series_tables import AttitudeTable
 
@@ -93,15 +94,12 @@ def _epoch(path: Path, at: int, line: str) -> str:
 def _record(path: Path, at: int, line: str) -> tuple[str, list[float]]:
     """Identifier and the four numbers of a record; flags may stand between the identifier and the count."""
     words = line.split()
-    try:
-        values = [float(word) for word in words[-4:]]
-        good = len(words) >= 7 and words[-5] == "4" and np.isfinite(values).all()
-    except (ValueError, IndexError):
-        good = False
-    if not good or not line.isascii() or "_" in "".join(words[-4:]):
+    values = numbers(words[-4:])
+    good = len(words) >= 7 and words[-5] == "4" and bool(np.isfinite(values).all())
+    if not good or not line.isascii():
         wanted = "ATT, a satellite, the number 4 and a quaternion"
         raise InputError(f"{path}, line {at}: found {show(line.strip())}, wanted {wanted}")
-    return words[1], values
+    return words[1], values.tolist()
 
 
 def _chosen(path: Path, names: list[str], satellite: str | None) -> str:

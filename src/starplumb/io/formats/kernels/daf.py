@@ -26,6 +26,7 @@ _MOST_NODES = 28
 _MOST_DEGREE = 25
 _MOST_TIME = 1e19
 """Of seconds or ticks of a clock."""
+_MOST_NUMBER = 1e30
 _GROUP = 100
 """Of how many values a directory names the last."""
 
@@ -69,6 +70,13 @@ class _Daf:
         after = np.append(times, times[-1])[_GROUP::_GROUP][: directory.size]
         if not ((before <= directory) & (directory <= after)).all():
             raise self.broken("a directory of other times, wanted those of the segment")
+
+    def require_numbers(self, first: int, n: int) -> None:
+        """Raise InputError where a word is no number that SPICE could count with."""
+        self.file.seek((first - 1) * _WORD)
+        values = np.frombuffer(self.file.read(n * _WORD), dtype=f"{self.order}f8")
+        if not (np.abs(values) < _MOST_NUMBER).all():
+            raise self.broken("numbers that are none, or without bounds, wanted others")
 
     def broken(self, found: str) -> InputError:
         return InputError(f"{self.path}: found a damaged kernel, {found}")
@@ -118,6 +126,7 @@ def require_whole(path: Path, kernel: Path) -> None:
             if segment.length < _MOST_TAIL:
                 raise daf.broken(f"a segment of {segment.length} words, wanted a whole file")
             checks[segment.kind](daf, segment)
+            daf.require_numbers(segment.begin, segment.length)
 
 
 def _segments(daf: _Daf, first: int, last: int, spk: bool) -> Iterator[_Segment]:
@@ -204,6 +213,13 @@ def _chebyshev(components: int) -> _Check:
 def _two_body(daf: _Daf, segment: _Segment) -> None:
     n = daf.count(segment.end, "the number of states", 1)
     _at_times(daf, segment, n, 6, n // _GROUP, 2)
+    (mass,) = daf.numbers(segment.end - 1, 1)
+    states = np.array(daf.numbers(segment.begin, 6 * n)).reshape(n, 6)
+    distance, speed = np.linalg.norm(states[:, :3], axis=1), np.linalg.norm(states[:, 3:], axis=1)
+    turning = np.linalg.norm(np.cross(states[:, :3], states[:, 3:]), axis=1)
+    good = (distance > 1.0) & (distance < 1e9) & (turning > 1.0) & (speed**2 * distance < 2.0 * mass)
+    if not (mass < 1e12 and good.all()):
+        raise daf.broken("states that are on no orbit about its mass, wanted others")
 
 
 def _equal_steps(daf: _Daf, segment: _Segment) -> None:

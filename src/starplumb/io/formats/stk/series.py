@@ -30,7 +30,8 @@ _FRAMES: dict[str, EarthFrame] = {
     "meanofdate": "MOD",
 }
 _FRAME_WORDS = "Fixed, ICRF, J2000, Inertial, TEMEOfDate, TrueOfDate or MeanOfDate"
-_METRES = {"meters": 1.0, "kilometers": 1e3}
+_METRES = {"meters": 0, "kilometers": 3}
+"""Powers of ten."""
 _ORBITS = {"EphemerisTimePos": 3, "EphemerisTimePosVel": 6, "EphemerisTimePosVelAcc": 9}
 _ATTITUDES = {"AttitudeTimeQuaternions": 4, "AttitudeTimeQuatScalarFirst": 4, "AttitudeTimeQuatAngVels": 7}
 
@@ -50,7 +51,7 @@ def read_stk_ephemeris(path: Path) -> EphemerisTable:
         line = file.keys["distanceunit"][0]
         raise file.error(line, f"DistanceUnit is {show(unit_word)}, wanted Meters or Kilometers")
     t_ns, keep, segments, notices = times(file)
-    states = numbers(file, file.rows, _ORBITS[file.kind])[keep] * _METRES[unit_word.lower()]
+    states = numbers(file, file.rows, _ORBITS[file.kind], _METRES[unit_word.lower()])[keep]
     return EphemerisTable(
         t_ns,
         r=states[:, :3],

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from decimal import Decimal, InvalidOperation
 from itertools import chain, pairwise
 from pathlib import Path
 
@@ -14,6 +13,8 @@ import numpy as np
 from ....physics import timescales
 from ....physics.errors import EpochError, InputError
 from ...text.files import read_text, show
+from ...text.numbers import decimal
+from ...text.numbers import numbers as all_numbers
 from ..series_tables import EpochArray, FloatArray, Rows
 
 _DATA = re.compile(
@@ -160,12 +161,9 @@ def _epoch_seconds(file: StkFile) -> EpochArray:
 
 
 def _nanoseconds(file: StkFile, line: int, text: str) -> int:
-    try:
-        seconds = Decimal(text) if text.isascii() and "_" not in text else Decimal("nan")
-        if abs(seconds) < Decimal(10**9):
-            return int((seconds * 10**9).to_integral_value())
-    except InvalidOperation:
-        pass
+    seconds = decimal(text)
+    if seconds is not None and abs(seconds) < 10**9:
+        return int((seconds * 10**9).to_integral_value())
     raise file.error(line, f"found {show(text)}, wanted a number of seconds")
 
 
@@ -195,29 +193,14 @@ def _parsed(file: StkFile, texts: list[str], lines: list[int]) -> EpochArray:
         raise file.error(lines[error.row], str(error)) from None
 
 
-def numbers(file: StkFile, rows: list[list[str]], width: int) -> FloatArray:
-    """Rows (n, width) of numbers."""
+def numbers(file: StkFile, rows: list[list[str]], width: int, power: int = 0) -> FloatArray:
+    """Rows (n, width) of numbers times ten to ``power``."""
     for line, row in zip(file.lines, rows, strict=True):
         if len(row) != width:
             raise file.error(line, f"found {len(row)} numbers after the time, wanted {width}")
-    try:
-        joined = "".join(chain.from_iterable(rows))
-        if (
-            "_" in joined or not joined.isascii()
-        ):  # float() takes 1_000 for a thousand, and digits of any script
-            raise ValueError
-        values = np.array(rows, dtype=np.float64)
-    except ValueError:
-        values = np.array([[_float(word) for word in row] for row in rows])
+    values = all_numbers(list(chain.from_iterable(rows)), power).reshape(len(rows), width)
     finite = np.isfinite(values).all(axis=1)
     if not finite.all():
         at = int(np.argmin(finite))
         raise file.error(file.lines[at], f"found {show(' '.join(rows[at]))}, wanted finite numbers")
     return values
-
-
-def _float(word: str) -> float:
-    try:
-        return float(word) if "_" not in word and word.isascii() else np.nan
-    except ValueError:
-        return np.nan
