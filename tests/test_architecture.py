@@ -23,7 +23,19 @@ MODULES = {
     for path in ROOT.rglob("*.py")
 }
 FOLDERS = (
-    *("physics", "table", "solve", "estimators", "judge", "identify", "ground", "imagery", "plan", "study"),
+    *(
+        "physics",
+        "table",
+        "solve",
+        "estimators",
+        "judge",
+        "identify",
+        "ground",
+        "imagery",
+        "plan",
+        "study",
+        "mission",
+    ),
     *(
         "io.text",
         "io.tables",
@@ -34,6 +46,7 @@ FOLDERS = (
         "io.scenario",
         "io.vendors",
         "io.results",
+        "io.archive",
     ),
     *("documents", "report", "published", "session", "cli"),
 )

@@ -17,7 +17,13 @@ from starplumb.cli.app import app
 ROOT = Path(__file__).resolve().parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 EXAMPLES = sorted((ROOT / "examples").glob("[!_]*.py"))
-COMMANDS = get_command(app).commands  # type: ignore[attr-defined]
+GROUPS = get_command(app).commands  # type: ignore[attr-defined]
+COMMANDS = {name: command for name, command in GROUPS.items() if not hasattr(command, "commands")}
+COMMANDS |= {
+    f"{name} {verb}": command
+    for name, group in GROUPS.items()
+    for verb, command in getattr(group, "commands", {}).items()
+}
 
 
 def _run(arguments: list[str], folder: Path) -> str:

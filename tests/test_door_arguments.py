@@ -44,6 +44,12 @@ class Made:
         return sp.check(self.campaign)
 
     @cached_property
+    def archive(self) -> sp.Archive:
+        found = sp.open_archive(self.folder / "mission.db", create=True)
+        found.add(self.result)
+        return found
+
+    @cached_property
     def projection(self) -> sp.Projection:
         return sp.project(self.campaign)
 
@@ -63,6 +69,10 @@ class Made:
             "Campaign.read": {"path": "campaign.toml"},
             "Campaign.from_tables": {"settings": {}},
             "demo": {},
+            "open_archive": {"path": self.archive.path},
+            "Archive.add": {"what": self.result},
+            "Archive.withdraw": {"campaign": "0000", "reason": "a test"},
+            "Archive.merge": {"other": self.archive.path},
         }
         if called.endswith(".save"):
             return {"folder": self.folder, "report": False} if "Result" in called else {"folder": self.folder}

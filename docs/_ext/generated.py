@@ -34,16 +34,22 @@ def starplumb(*arguments: str) -> str:
 def command_names() -> list[str]:
     from starplumb.cli.app import app
 
-    return [command.name for command in app.registered_commands if command.name]
+    groups = [
+        (group.name, [verb.name for verb in group.typer_instance.registered_commands])
+        for group in app.registered_groups
+        if group.typer_instance is not None
+    ]
+    verbs = [f"{name} {verb}" for name, found in groups for verb in found]
+    return [*(command.name for command in app.registered_commands if command.name), *verbs]
 
 
 def write_commands(folder: Path) -> None:
     """The help of every command, a page each, and that of the program."""
     folder.mkdir(parents=True)
     for name in command_names():
-        text = f"# starplumb {name}\n\n```text\n{starplumb(name, '--help')}\n```\n"
-        (folder / f"{name}.md").write_text(text, encoding="utf-8")
-    names = "\n".join(command_names())
+        text = f"# starplumb {name}\n\n```text\n{starplumb(*name.split(), '--help')}\n```\n"
+        (folder / f"{name.replace(' ', '-')}.md").write_text(text, encoding="utf-8")
+    names = "\n".join(name.replace(" ", "-") for name in command_names())
     toctree = f"```{{toctree}}\n:maxdepth: 1\n\n{names}\n```\n"
     text = f"# Command by command\n\n```text\n{starplumb('--help')}\n```\n\n{toctree}"
     (folder / "index.md").write_text(text, encoding="utf-8")

@@ -33,6 +33,7 @@ __version__ = "0.2.0"
 
 _DOOR = {
     "AlignmentFailed": "physics.errors",
+    "Archive": "session.mission.archive",
     "Budget": "session.budget",
     "Campaign": "session.campaign",
     "Check": "session.check",
@@ -51,6 +52,7 @@ _DOOR = {
     "demo": "session.campaign",
     "diagnose": "session.diagnosis",
     "locate": "session.ground.location",
+    "open_archive": "session.mission.archive",
     "project": "session.ground.projection",
     "predict": "session.motion.prediction",
     "read_campaign": "session.campaign",

@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from .. import __version__
+from .archive.verbs import archive
 from .budget import budget
 from .calibrate import calibrate
 from .compare import compare
@@ -53,3 +54,4 @@ for command in (
     # a negative number is no option
     numbers = {"ignore_unknown_options": True} if command is project else None
     app.command(command.__name__.rstrip("_"), context_settings=numbers)(command)
+app.add_typer(archive, name="archive")

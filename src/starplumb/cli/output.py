@@ -60,7 +60,7 @@ class Output:
         if self.verbose:
             self.show(*parts)
 
-    def document(self, document: dict[str, Any]) -> None:
+    def document(self, document: dict[str, Any] | list[dict[str, Any]]) -> None:
         """The same result for a program."""
         if self.json:
             typer.echo(json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False))

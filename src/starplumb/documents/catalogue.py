@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from importlib import import_module
-from pkgutil import iter_modules
+from pkgutil import walk_packages
 from typing import Any
 
 from pydantic import BaseModel
@@ -54,8 +54,8 @@ def _written() -> dict[str, type[Document]]:
     """Documents that starplumb writes, by what stands between "starplumb-" and their edition."""
     package = __name__.rpartition(".")[0]
     found = {}
-    for module in iter_modules(import_module(package).__path__):
-        for model in vars(import_module(f"{package}.{module.name}")).values():
+    for module in walk_packages(import_module(package).__path__, f"{package}."):
+        for model in vars(import_module(module.name)).values():
             if isinstance(model, type) and issubclass(model, Document) and model is not Document:
                 found[model.kind().removeprefix("starplumb-").partition("/")[0]] = model
     return found

@@ -54,6 +54,7 @@ def result_document(
         "schema": RESULT_SCHEMA,
         "status": c.status.name.lower(),
         "message": c.message,
+        "campaign": c.campaign.name,
         "method": method,
         "mounting": _mounting(frames, c.C_EK),
         "correction_arcsec": None if refuted else numbers(c.correction_E / ARCSEC),
@@ -304,9 +305,15 @@ def _when(c: Calibration, chosen: list[int], where: Phases) -> dict[int, dict[st
             "session": str(of_session[i]) if images.sessions is None else images.sessions[i],
             "argument_of_latitude_deg": numbers(where.u[i] / DEG % 360.0),
             "sun_beta_deg": numbers(where.beta[i] / DEG),
+            **_temperatures(c, i),
         }
         for i, time in zip(chosen, times, strict=True)
     }
+
+
+def _temperatures(c: Calibration, i: int) -> dict[str, Any]:
+    found = {name: float(values[i]) for name, values in c.campaign.images.temperatures.items()}
+    return {"temperatures_c": found} if found else {}
 
 
 def _grouped(c: Calibration, group: NDArray[np.int64], n: int) -> Array:

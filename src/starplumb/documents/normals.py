@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from hashlib import sha256
 from typing import Any, Literal
 
 import numpy as np
@@ -13,7 +13,7 @@ from pydantic import Field
 from ..estimators.fit import Fit
 from ..judge.calibrate import Calibration
 from ..judge.snooping import fit_at
-from ..physics import so3
+from ..mission.joint import MOUNTING, Equations, Joint, Known, joint, summed
 from ..physics.errors import InputError
 from ..physics.timescales import format_iso
 from ..physics.units import ARCSEC
@@ -23,6 +23,7 @@ from .document import Document, Matrix3, Part
 from .numbers import numbers
 
 Array = NDArray[np.float64]
+Index = NDArray[np.int64]
 
 NORMALS_SCHEMA = "starplumb-normals/1"
 MOST_IMAGES = 2_000
@@ -31,7 +32,8 @@ MOST_NUMBERS = 500_000
 """Entries of all equations up to which the file is written (10 MB): with more it would be larger than what it is of."""
 SAME_PLACE_M = 1e-3
 """Places of one landmark in two campaigns may differ by so much and still be the same."""
-MOUNTING = "mounting"
+LANDMARK = "landmark["
+SURVEY_AXES = ("east", "north", "up")
 
 
 class Unknown(Part):
@@ -47,7 +49,8 @@ class Unknown(Part):
 
 
 class ImageEquations(Part):
-    """Normal equations of one image over blocks by name: upper triangle of the information, row by row, and vector."""
+    """Normal equations of one image over blocks by name: upper triangle of the information, row by row, and vector;
+    ``sightings`` is a digest of its marks."""
 
     image_id: str
     time: str
@@ -56,6 +59,7 @@ class ImageEquations(Part):
     vector: list[float]
     constant: float
     count: int
+    sightings: str | None = None
 
 
 class NormalsDocument(Document):
@@ -76,25 +80,36 @@ def normals_document(calibration: Calibration) -> dict[str, Any] | None:
     if not c.status.usable or unknowns is None or len(c.campaign.images.ids) > MOST_IMAGES:
         return None
     o, used = c.observations, c.residuals.used
-    again = np.flatnonzero(np.bincount(o.landmark[used], minlength=o.n_landmarks) > 1)
-    seen = np.bincount(o.image[used][np.isin(o.landmark[used], again)], minlength=o.n_images)
-    width = 3.0 + len(unknowns.names) + len(o.common_of or ()) + 3.0 * seen
-    if np.sum(width**2) > 2 * MOST_NUMBERS:
+    named = _named_landmarks(c, len(unknowns.names) + len(o.common_of or ()))
+    if named is None:
         return None
     fit = fit_at(unknowns, o, c.campaign.C_EK, c.estimate, used)
-    common, scale = _common(fit)
-    places = [_place(c, int(i)) for i in again]
+    common, scale = _common(fit, c.campaign.landmarks.sources or ("",))
+    places = [_place(c, int(i)) for i in named]
     names = [unknown["name"] for unknown in common]
     return {
         "schema": NORMALS_SCHEMA,
         "campaign": c.campaign.name,
         "matrix": numbers(c.estimate.C_EK),
         "unknowns": [*common, *places],
-        "images": [_image(c, one, names, scale) for one in image_normals(fit.whole, again)],
+        "images": [_image(c, one, names, scale) for one in image_normals(fit.whole, named)],
     }
 
 
-def _common(fit: Fit) -> tuple[list[dict[str, Any]], Array]:
+def _named_landmarks(c: Calibration, others: int) -> Index | None:
+    """Landmarks whose places are among the unknowns: all that are used, for other campaigns may see them, or those seen
+    again if that would be too many numbers; None where even these are."""
+    o, used = c.observations, c.residuals.used
+    times = np.bincount(o.landmark[used], minlength=o.n_landmarks)
+    for least, most in ((1, MOST_NUMBERS // 4), (2, MOST_NUMBERS)):
+        named = np.flatnonzero(times >= least)
+        seen = np.bincount(o.image[used][np.isin(o.landmark[used], named)], minlength=o.n_images)
+        if np.sum((3.0 + others + 3.0 * seen) ** 2) <= 2 * most:
+            return named
+    return None
+
+
+def _common(fit: Fit, surveys: Sequence[str]) -> tuple[list[dict[str, Any]], Array]:
     """The unknowns that all images may have, as the adjustment orders them, and what one of each is in SI."""
     names, shared = fit.unknowns.names, fit.table.common_of or ()
     units = [unit_of(name) for name in names]
@@ -104,7 +119,7 @@ def _common(fit: Fit) -> tuple[list[dict[str, Any]], Array]:
     known = bool(np.any(information[:3, :3]))
     P = np.asarray(np.linalg.inv(information[:3, :3]) / ARCSEC**2) if known else None
     blocks = [_block(MOUNTING, "arcsec", np.zeros(3), step[:3] / ARCSEC, P)]
-    labels = [*names, *(f"shared[{name} {k + 1}]" for k, name in enumerate(shared))]
+    labels = [*names, *_shared_labels(shared, surveys)]
     for k, (label, unit) in enumerate(zip(labels, [*units, *[""] * len(shared)], strict=True), start=3):
         variance = 1.0 / (information[k, k] * scale[k] ** 2)
         at = reference[k] / scale[k]
@@ -112,6 +127,26 @@ def _common(fit: Fit) -> tuple[list[dict[str, Any]], Array]:
             _block(label, unit, np.array([at]), np.array([at + step[k] / scale[k]]), np.array([[variance]]))
         )
     return blocks, scale
+
+
+def _shared_labels(shared: Sequence[str], surveys: Sequence[str]) -> Iterator[str]:
+    """Names of errors in common: those of a survey, which other campaigns have too, by its name."""
+    of_survey = iter([f"survey[{name}] {axis}" for name in dict.fromkeys(surveys) for axis in SURVEY_AXES])
+    for k, name in enumerate(shared):
+        yield next(of_survey) if name == "survey" else f"shared[{name} {k + 1}]"
+
+
+def _sightings(c: Calibration, image: int) -> str:
+    """Digest of the marks of an image that are used: by which another campaign with the same ones is known."""
+    s, ids = c.campaign.sightings, c.campaign.landmarks.ids
+    mine = np.flatnonzero(c.residuals.used & (c.observations.image == image))
+    rows = sorted(
+        f"{ids[i]} {x!r} {y!r}"
+        for i, x, y in zip(
+            s.landmark[mine].tolist(), s.column_px[mine].tolist(), s.row_px[mine].tolist(), strict=True
+        )
+    )
+    return sha256("\n".join(rows).encode()).hexdigest()[:16]
 
 
 def _block(
@@ -146,19 +181,38 @@ def _image(c: Calibration, one: ImageNormals, names: Sequence[str], scale: Array
         "vector": numbers(one.vector * s),
         "constant": one.constant,
         "count": one.count,
+        "sightings": _sightings(c, one.image),
     }
 
 
-@dataclass(frozen=True)
-class Joint:
-    """The least-squares solution of several campaigns: the mounting with its covariance about E, and chi-square of
-    ``count`` numbers; ``values`` of all unknowns by name, in the units of the documents."""
+def equations_of(document: NormalsDocument, number: int = 0) -> Equations:
+    """The equations of a campaign over unknowns by name; what its images share is its own, by its ``number``."""
+    blocks = {
+        _called(u.name, number): Known(
+            np.array(u.reference),
+            np.array(u.expected),
+            None if u.covariance is None else np.array(u.covariance),
+        )
+        for u in document.unknowns
+    }
+    images = (
+        (
+            [_called(name, number) for name in image.unknowns],
+            symmetric(np.array(image.information), len(image.vector)),
+            np.array(image.vector),
+            image.constant,
+            image.count,
+        )
+        for image in document.images
+    )
+    return summed(np.array(document.matrix), blocks, images)
 
-    C_EK: Array
-    covariance_E: Array
-    chi2: float
-    count: int
-    values: Mapping[str, Array]
+
+def symmetric(upper: Array, size: int) -> Array:
+    """The matrix (size, size) of its upper triangle, row by row."""
+    N = np.zeros((size, size))
+    N[np.triu_indices(size)] = upper
+    return N + np.triu(N, 1).T
 
 
 def joined(documents: Sequence[NormalsDocument]) -> Joint:
@@ -167,45 +221,8 @@ def joined(documents: Sequence[NormalsDocument]) -> Joint:
     Unknowns of one name are one unknown, errors shared within a campaign its own.  Raises InputError where a landmark
     of one name has another place or another survey.
     """
-    blocks = _registered(documents)
-    names = list(blocks)
-    ends = np.cumsum([len(blocks[name].reference) for name in names])
-    at = {
-        name: np.arange(end - len(blocks[name].reference), end) for name, end in zip(names, ends, strict=True)
-    }
-    N, b = np.zeros((ends[-1], ends[-1])), np.zeros(ends[-1])
-    constant, count, C_0 = 0.0, 0, np.array(documents[0].matrix)
-    for name, block in blocks.items():
-        if block.covariance is not None:
-            W = np.linalg.inv(np.array(block.covariance))
-            pull = np.array(block.reference) - np.array(block.expected)
-            N[np.ix_(at[name], at[name])] += W
-            b[at[name]] += W @ pull
-            constant += float(pull @ W @ pull)
-    for k, document in enumerate(documents):
-        own = {unknown.name: unknown for unknown in document.unknowns}
-        turn = so3.log(np.array(document.matrix) @ C_0.T) / ARCSEC
-        for image in document.images:
-            called = [_called(name, k) for name in image.unknowns]
-            offset = [
-                turn if name == MOUNTING else np.array(own[name].reference) - blocks[key].reference
-                for name, key in zip(image.unknowns, called, strict=True)
-            ]
-            d, where = np.concatenate(offset), np.concatenate([at[key] for key in called])
-            M, v = np.zeros((d.size, d.size)), np.array(image.vector)
-            M[np.triu_indices(d.size)] = image.information
-            M = M + np.triu(M, 1).T
-            # about the common references: z + A (x - d)
-            N[np.ix_(where, where)] += M
-            b[where] += v - M @ d
-            constant += image.constant - 2.0 * float(v @ d) + float(d @ M @ d)
-            count += image.count
-    P = np.linalg.inv(N)
-    x = -P @ b
-    values = {name: x[at[name]] + np.array(blocks[name].reference) for name in names}
-    C = so3.exp(ARCSEC * x[at[MOUNTING]]) @ C_0
-    covariance = ARCSEC**2 * P[np.ix_(at[MOUNTING], at[MOUNTING])]
-    return Joint(C, covariance, constant + float(b @ x), count, values)
+    _require_one_place(documents)
+    return joint([equations_of(document, k) for k, document in enumerate(documents)])
 
 
 def _called(name: str, k: int) -> str:
@@ -213,21 +230,24 @@ def _called(name: str, k: int) -> str:
     return f"{name} of campaign {k + 1}" if name.startswith("shared[") else name
 
 
-def _registered(documents: Sequence[NormalsDocument]) -> dict[str, Unknown]:
-    """Every unknown by its name, with the reference and prior of the campaign that has it first."""
-    blocks: dict[str, Unknown] = {}
-    for k, document in enumerate(documents):
+def _require_one_place(documents: Sequence[NormalsDocument]) -> None:
+    places: dict[str, Unknown] = {}
+    for document in documents:
         for unknown in document.unknowns:
-            name = _called(unknown.name, k)
-            known = blocks.setdefault(name, unknown)
-            if name.startswith("landmark[") and not _same(known, unknown):
+            known = places.setdefault(unknown.name, unknown)
+            if unknown.name.startswith(LANDMARK) and not same_place(
+                np.array(known.reference),
+                np.array(known.covariance),
+                np.array(unknown.reference),
+                np.array(unknown.covariance),
+            ):
                 raise InputError(
-                    f"campaign {document.campaign!r}: found {name} at another place than before, or of another "
+                    f"campaign {document.campaign!r}: found {unknown.name} at another place than before, or of another "
                     "survey; wanted one landmark under one name"
                 )
-    return blocks
 
 
-def _same(a: Unknown, b: Unknown) -> bool:
-    place = np.max(np.abs(np.array(a.reference) - np.array(b.reference))) <= SAME_PLACE_M
-    return bool(place and np.allclose(np.array(a.covariance), np.array(b.covariance), rtol=1e-6, atol=1e-9))
+def same_place(a_J: Array, P_a: Array, b_J: Array, P_b: Array) -> bool:
+    """Whether two places (3,) m with covariances (3, 3) of their survey may be those of one landmark."""
+    close = np.max(np.abs(a_J - b_J)) <= SAME_PLACE_M
+    return bool(close and np.allclose(P_a, P_b, rtol=1e-6, atol=1e-9))

@@ -142,6 +142,7 @@ class Image(Part):
     session: str | None = None
     argument_of_latitude_deg: Number = None
     sun_beta_deg: Number = None
+    temperatures_c: dict[str, float] | None = None
     observations: int
     rms_px: Number
     rms_own_px: Number
@@ -190,6 +191,7 @@ class ResultDocument(Document):
     schema_: Literal["starplumb-result/1"] = Field(alias="schema")
     status: Annotated[str, AfterValidator(_known)]
     message: str
+    campaign: str | None = None
     method: str
     mounting: Mounting
     correction_arcsec: Numbers3 | None

@@ -1,0 +1,80 @@
+"""The files that campaigns were made from, kept beside an archive: compressed, each once, by its digest."""
+
+from __future__ import annotations
+
+import gzip
+import os
+from collections.abc import Iterator
+from hashlib import sha256
+from pathlib import Path
+
+from ...physics.errors import InputError
+
+MOST_BYTES = 1_000_000_000
+"""Of one kept file."""
+
+
+def folder_of(archive: Path) -> Path:
+    """The folder beside an archive that keeps its files."""
+    return archive.with_name(f"{archive.name}.files")
+
+
+def place_of(archive: Path, digest: str) -> Path:
+    """Where a file of this digest (``sha256:...``) is kept."""
+    name = digest.removeprefix("sha256:")
+    return folder_of(archive) / name[:2] / f"{name}.gz"
+
+
+def keep(archive: Path, digest: str, path: Path) -> bool:
+    """Keep the file at a path if its bytes have this digest; whether it is kept now."""
+    place = place_of(archive, digest)
+    if place.is_file():
+        return True
+    try:
+        data = path.read_bytes()
+    except OSError:
+        return False
+    if f"sha256:{sha256(data).hexdigest()}" != digest:
+        return False
+    _write(place, gzip.compress(data, compresslevel=6, mtime=0))
+    return True
+
+
+def copy(source: Path, target: Path, digest: str) -> bool:
+    """Have another archive keep a file that one keeps; whether it is kept there now."""
+    here, there = place_of(source, digest), place_of(target, digest)
+    if not there.is_file() and here.is_file():
+        _write(there, here.read_bytes())
+    return there.is_file()
+
+
+def _write(place: Path, data: bytes) -> None:
+    beside = place.with_name(f".{place.name}.{os.getpid()}.part")
+    try:
+        place.parent.mkdir(parents=True, exist_ok=True)
+        with beside.open("wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        beside.replace(place)
+    except OSError as error:
+        raise InputError(
+            f"{place.parent}: found no way to write there ({error.strerror}), wanted room for the campaign's files"
+        ) from None
+    finally:
+        beside.unlink(missing_ok=True)
+
+
+def kept(archive: Path, digest: str) -> bytes | None:
+    """The bytes of a kept file; None where it is missing or they are no longer what they were."""
+    try:
+        with gzip.open(place_of(archive, digest)) as file:
+            data = file.read(MOST_BYTES)
+    except (OSError, EOFError, ValueError):
+        return None
+    return data if f"sha256:{sha256(data).hexdigest()}" == digest else None
+
+
+def strangers(archive: Path) -> Iterator[Path]:
+    """Files in the folder of an archive that a killed process left half written."""
+    yield from folder_of(archive).glob("*/.*.part")

@@ -1,0 +1,247 @@
+"""Campaigns as rows of an archive: written whole, read back as they were."""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+import zlib
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...mission.joint import Equations, Known, summed
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Instrument:
+    """What one mounting is of: a satellite, and the frames that the mounting takes from and to."""
+
+    satellite: str
+    frame_from: str
+    frame_to: str
+
+    @property
+    def key(self) -> tuple[str, str, str]:
+        return self.satellite, self.frame_from, self.frame_to
+
+    def __str__(self) -> str:
+        of = f"{self.satellite!r}, " if self.satellite else ""
+        return f"{of}{self.frame_from} to {self.frame_to}"
+
+
+@dataclass(frozen=True)
+class ImageRow:
+    """An image of a campaign: its time, place on the orbit, temperatures, and a digest of its marks."""
+
+    image_id: str
+    t_ns: int
+    u: float | None
+    beta: float | None
+    temperatures_c: Mapping[str, float]
+    statistic: float | None
+    observations: int
+    sightings: str | None
+
+
+@dataclass(frozen=True)
+class NewCampaign:
+    """A campaign before it is added; ``unknowns`` and ``normals`` are empty where it has no normal equations."""
+
+    id: str
+    inputs_id: str
+    instrument: Instrument
+    name: str
+    first_ns: int
+    last_ns: int
+    software: str
+    method: str
+    options: Mapping[str, Any]
+    status: str
+    result_text: str
+    inputs: Mapping[str, str]
+    images: Sequence[ImageRow]
+    unknowns: Sequence[tuple[str, str, Array, Array, Array | None]]
+    normals: Sequence[tuple[str, Sequence[str], Array, Array, float, int]]
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A campaign of an archive; ``withdrawn`` is when and why, None for one that stands; ``summable`` whether it has
+    normal equations."""
+
+    id: str
+    inputs_id: str
+    instrument: Instrument
+    name: str
+    first_ns: int
+    last_ns: int
+    added_utc: str
+    software: str
+    method: str
+    options: Mapping[str, Any]
+    status: str
+    images: int
+    observations: int
+    summable: bool
+    withdrawn: tuple[str, str] | None
+
+    @property
+    def stands(self) -> bool:
+        """Whether it counts: usable, and not withdrawn."""
+        return self.withdrawn is None and self.status in ("ok", "weak")
+
+
+def insert(database: sqlite3.Connection, c: NewCampaign, now: str) -> None:
+    """Add a campaign, within a transaction."""
+    database.execute("INSERT OR IGNORE INTO satellite VALUES(?)", (c.instrument.satellite,))
+    database.execute("INSERT OR IGNORE INTO instrument VALUES(?, ?, ?)", c.instrument.key)
+    row = (c.id, c.inputs_id, *c.instrument.key, c.name, c.first_ns, c.last_ns, now, c.software, c.method)
+    options = json.dumps(c.options, sort_keys=True)
+    database.execute(
+        f"INSERT INTO campaign VALUES({_marks(14)})",
+        (*row, options, c.status, zlib.compress(c.result_text.encode())),
+    )
+    _many(database, "input", 3, ((c.id, name, digest) for name, digest in c.inputs.items()))
+    _many(database, "image", 9, (_image_row(c.id, image) for image in c.images))
+    _many(
+        database,
+        "unknown",
+        6,
+        ((c.id, name, unit, *map(_bytes, (r, e, P))) for name, unit, r, e, P in c.unknowns),
+    )
+    _many(
+        database,
+        "normal",
+        7,
+        (
+            (c.id, i, json.dumps(list(names)), _bytes(N), _bytes(b), k, n)
+            for i, names, N, b, k, n in c.normals
+        ),
+    )
+
+
+def _marks(n: int) -> str:
+    return ", ".join("?" * n)
+
+
+def _many(database: sqlite3.Connection, table: str, width: int, rows: Iterable[tuple[Any, ...]]) -> None:
+    database.executemany(f"INSERT INTO {table} VALUES({_marks(width)})", rows)
+
+
+def _image_row(campaign: str, image: ImageRow) -> tuple[Any, ...]:
+    temperatures = json.dumps(dict(image.temperatures_c), sort_keys=True) if image.temperatures_c else None
+    place = (campaign, image.image_id, image.t_ns, image.u, image.beta, temperatures)
+    return (*place, image.statistic, image.observations, image.sightings)
+
+
+def _bytes(values: Array | None) -> bytes | None:
+    return None if values is None else np.ascontiguousarray(values, dtype="<f8").tobytes()
+
+
+def _numbers(data: bytes) -> Array:
+    return np.frombuffer(data, dtype="<f8").astype(np.float64)
+
+
+def entries(database: sqlite3.Connection) -> list[Entry]:
+    """All campaigns in the order of time."""
+    rows = database.execute(
+        "SELECT c.id, c.inputs, satellite, frame_from, frame_to, name, first_ns, last_ns, added_utc, software, method, "
+        "options_json, status, (SELECT count(*) FROM image i WHERE i.campaign = c.id), "
+        "(SELECT coalesce(sum(observations), 0) FROM image i WHERE i.campaign = c.id), "
+        "EXISTS(SELECT 1 FROM normal n WHERE n.campaign = c.id), w.at_utc, w.reason "
+        "FROM campaign c LEFT JOIN withdrawn w ON w.campaign = c.id ORDER BY first_ns, c.id"
+    )
+    return [_entry(row) for row in rows]
+
+
+def _entry(row: tuple[Any, ...]) -> Entry:
+    (id_, inputs, satellite, frame_from, frame_to, name, first, last, added, software, method, options) = row[
+        :12
+    ]
+    status, images, observations, summable, at, reason = row[12:]
+    return Entry(
+        id_,
+        inputs,
+        Instrument(satellite, frame_from, frame_to),
+        name,
+        first,
+        last,
+        added,
+        software,
+        method,
+        json.loads(options),
+        status,
+        images,
+        observations,
+        bool(summable),
+        None if at is None else (at, reason),
+    )
+
+
+def result_text(database: sqlite3.Connection, campaign: str) -> str:
+    """``result.json`` of a campaign."""
+    (data,) = database.execute("SELECT result_json FROM campaign WHERE id = ?", (campaign,)).fetchone()
+    return zlib.decompress(data).decode()
+
+
+def inputs_of(database: sqlite3.Connection, campaign: str) -> dict[str, str]:
+    """The files that a campaign was made from, and their digests."""
+    return dict(database.execute("SELECT name, sha256 FROM input WHERE campaign = ?", (campaign,)).fetchall())
+
+
+def images_of(database: sqlite3.Connection, campaign: str) -> list[ImageRow]:
+    """The images of a campaign in the order of time."""
+    rows = database.execute(
+        "SELECT image_id, t_ns, u_rad, beta_rad, temperatures_json, statistic, observations, sightings "
+        "FROM image WHERE campaign = ? ORDER BY t_ns, image_id",
+        (campaign,),
+    )
+    return [
+        ImageRow(i, t_ns, u, beta, json.loads(temperatures) if temperatures else {}, statistic, n, digest)
+        for i, t_ns, u, beta, temperatures, statistic, n, digest in rows
+    ]
+
+
+def equations_of(database: sqlite3.Connection, campaign: str, C_EK: Array) -> Equations:
+    """The normal equations of a campaign about the mounting of its result, what its images share under names that are
+    its own."""
+    known = database.execute(
+        "SELECT name, reference, expected, covariance FROM unknown WHERE campaign = ? ORDER BY rowid",
+        (campaign,),
+    )
+    blocks = {}
+    for name, reference, expected, covariance in known:
+        size = len(reference) // 8
+        P = None if covariance is None else _numbers(covariance).reshape(size, size)
+        blocks[own_name(name, campaign)] = Known(_numbers(reference), _numbers(expected), P)
+    return summed(C_EK, blocks, _images(database, campaign))
+
+
+def _images(
+    database: sqlite3.Connection, campaign: str
+) -> Iterator[tuple[list[str], Array, Array, float, int]]:
+    rows = database.execute(
+        "SELECT names_json, information, vector, constant, count FROM normal WHERE campaign = ? ORDER BY rowid",
+        (campaign,),
+    )
+    for names, information, vector, constant, count in rows:
+        b = _numbers(vector)
+        N = np.zeros((b.size, b.size))
+        N[np.triu_indices(b.size)] = _numbers(information)
+        yield (
+            [own_name(name, campaign) for name in json.loads(names)],
+            N + np.triu(N, 1).T,
+            b,
+            constant,
+            count,
+        )
+
+
+def own_name(name: str, campaign: str) -> str:
+    """The name of an unknown among several campaigns: what the images of one share is its own."""
+    return f"{name} of {campaign}" if name.startswith("shared[") else name

@@ -1,0 +1,171 @@
+"""The database of an archive: opened, checked to be one, and written in transactions that are whole or nothing.
+
+SQLite with a write-ahead log and full synchronisation: two writers wait for one another, and what a killed one had not
+committed never was.  The log is shared through memory, which drives of a network do not offer.
+"""
+
+from __future__ import annotations
+
+import os
+import sqlite3
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from ...physics.errors import InputError
+from .schema import APPLICATION_ID, EDITION, statements
+
+WAIT_S = 60.0
+"""How long a writer waits for another."""
+NETWORK = frozenset(
+    (
+        *(
+            "nfs",
+            "nfs4",
+            "cifs",
+            "smb2",
+            "smb3",
+            "smbfs",
+            "afs",
+            "ceph",
+            "glusterfs",
+            "lustre",
+            "beegfs",
+            "gpfs",
+        ),
+        *("ncpfs", "davfs", "fuse.sshfs", "fuse.glusterfs", "fuse.rclone", "fuse.s3fs", "fuse.gcsfuse"),
+    )
+)
+"""Kinds of file systems that are elsewhere."""
+MOUNTS = Path("/proc/self/mountinfo")
+
+
+def create(path: Path, satellite: str) -> None:
+    """Write an empty archive, whose campaigns are of ``satellite`` unless they say otherwise.
+
+    Raises InputError where there is a file already, or none can be.
+    """
+    require_local(path)
+    beside = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if path.exists():
+            raise InputError(
+                f"{path}: found a file there, wanted a new name: an archive is never overwritten"
+            )
+        with _connected(beside, path) as database:
+            database.executescript(statements())
+            database.execute("INSERT INTO meta VALUES('satellite', ?)", (satellite,))
+            database.execute("PRAGMA journal_mode=DELETE")
+        os.link(beside, path)  # fails where another process was quicker
+    except FileExistsError:
+        raise InputError(
+            f"{path}: found a file there, wanted a new name: an archive is never overwritten"
+        ) from None
+    except OSError as error:
+        raise InputError(
+            f"{path}: found no way to write there ({error.strerror}), wanted a folder that can be written"
+        ) from None
+    finally:
+        for end in ("", "-wal", "-shm", "-journal"):
+            Path(f"{beside}{end}").unlink(missing_ok=True)
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[sqlite3.Connection]:
+    """The database of an archive.  Raises InputError, one sentence, where the file is none or cannot be used."""
+    if not path.is_file():
+        what = "a folder" if path.is_dir() else "no such file"
+        raise InputError(f"{path}: found {what}, wanted an archive; starplumb archive init {path} makes one")
+    require_local(path)
+    with _connected(path, path) as database:
+        _require_archive(database, path)
+        mode = database.execute("PRAGMA journal_mode=WAL").fetchone()[0]
+        if mode != "wal":
+            raise InputError(
+                f"{path}: found a drive on which SQLite keeps no write-ahead log ({mode}), wanted a local one"
+            )
+        yield database
+
+
+@contextmanager
+def transaction(database: sqlite3.Connection) -> Iterator[sqlite3.Connection]:
+    """What is written within is there as a whole, or not at all."""
+    database.execute("BEGIN IMMEDIATE")
+    try:
+        yield database
+    except BaseException:
+        database.execute("ROLLBACK")
+        raise
+    database.execute("COMMIT")
+
+
+@contextmanager
+def _connected(path: Path, named: Path) -> Iterator[sqlite3.Connection]:
+    try:
+        database = sqlite3.connect(path, timeout=WAIT_S, isolation_level=None)
+        try:
+            database.execute("PRAGMA synchronous=FULL")
+            database.execute("PRAGMA foreign_keys=ON")
+            yield database
+        finally:
+            database.close()
+    except sqlite3.Error as error:
+        raise InputError(f"{named}: {_sentence(error)}") from None
+
+
+def _sentence(error: sqlite3.Error) -> str:
+    """What SQLite objects to, in words."""
+    text = " ".join(str(error).split())
+    if "not a database" in text or "malformed" in text:
+        return f"found a file that SQLite cannot read ({text}), wanted an archive"
+    if "locked" in text or "busy" in text:
+        return f"found it in use by another program for {WAIT_S:.0f} s, wanted a turn; the same command again"
+    if "full" in text:
+        return "found the disk full, wanted room; nothing was added"
+    if "readonly" in text or "unable to open" in text:
+        return (
+            f"found no way to write it or the files beside it ({text}), wanted a folder that can be written"
+        )
+    return f"found that SQLite cannot go on ({text}), wanted a whole archive; starplumb archive verify looks into it"
+
+
+def _require_archive(database: sqlite3.Connection, path: Path) -> None:
+    kind = database.execute("PRAGMA application_id").fetchone()[0]
+    if kind != APPLICATION_ID:
+        raise InputError(f"{path}: found a database of another program, wanted an archive")
+    edition = database.execute("PRAGMA user_version").fetchone()[0]
+    if edition != EDITION:
+        raise InputError(
+            f"{path}: found an archive of edition {edition}, wanted {EDITION}; another starplumb wrote it"
+        )
+
+
+def require_local(path: Path) -> None:
+    """Raise InputError where a path lies on a drive of a network, as far as the system says so (Linux)."""
+    kind = kind_of_drive(path.absolute().parent, _mounts())
+    if kind in NETWORK:
+        raise InputError(
+            f"{path}: found a network drive ({kind}), wanted a local one, where two writers cannot harm the archive; "
+            "keep one file per machine and unite them by starplumb archive merge"
+        )
+
+
+def _mounts() -> str:
+    try:
+        return MOUNTS.read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return ""
+
+
+def kind_of_drive(folder: Path, mounts: str) -> str:
+    """The file system of a folder by the system's list of mounts; empty where it is not known."""
+    place, best, kind = Path(os.path.realpath(folder)), -1, ""
+    for line in mounts.splitlines():
+        before, _, after = line.partition(" - ")
+        fields = before.split()
+        if len(fields) > 4 and after:
+            point = Path(fields[4].replace("\\040", " "))
+            if (place == point or point in place.parents) and len(point.parts) >= best:
+                best, kind = len(point.parts), after.split()[0]
+    return kind

@@ -1,0 +1,188 @@
+"""Campaigns solved together: their normal equations summed over unknowns by name.
+
+A campaign states ``z + A x`` about references of its own, as N, b and c over named blocks (the mounting, landmarks,
+parameters, errors in common).  Blocks that no other campaign has are eliminated with what is known of them beforehand,
+``N_kk - N_kr N_rr^-1 N_rk``; what is left is moved to common references, ``b - N d``, and summed; what is known of a
+block that several have is added once.  The solution is ``x = -N^-1 b`` with the covariance ``N^-1`` and chi-square
+``c + b^T x``.  The mounting's unknowns are arc seconds, those of the other blocks in their own units.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..physics import so3
+from ..physics.units import ARCSEC
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+MOUNTING = "mounting"
+"""The block of three that turns ``C_EK``; its reference is no turn."""
+Image = tuple[Sequence[str], Array, Array, float, int]
+"""Equations of an image: the names of its blocks, information, vector, constant and count."""
+
+
+@dataclass(frozen=True)
+class Known:
+    """What a block of k unknowns is counted from, ``reference`` (k,), and what was known of it beforehand: ``expected``
+    (k,) with ``covariance`` (k, k), None for nothing."""
+
+    reference: Array
+    expected: Array
+    covariance: Array | None
+
+    @property
+    def pull(self) -> Array:
+        """How far the reference is from what is expected."""
+        return self.reference - self.expected
+
+
+@dataclass(frozen=True)
+class Equations:
+    """Normal equations of a campaign about the mounting ``C_EK`` (3, 3) and the references of ``blocks``, in their
+    order: ``information`` (n, n), ``vector`` (n,), ``constant`` of ``count`` numbers."""
+
+    C_EK: Array
+    blocks: Mapping[str, Known]
+    information: Array
+    vector: Array
+    constant: float
+    count: int
+
+    @cached_property
+    def places(self) -> dict[str, Index]:
+        """Where each block stands."""
+        ends = np.cumsum([known.reference.size for known in self.blocks.values()])
+        return {
+            name: np.arange(end - known.reference.size, end)
+            for (name, known), end in zip(self.blocks.items(), ends.tolist(), strict=True)
+        }
+
+    def at(self, names: Iterable[str]) -> Index:
+        """Where some blocks stand, one behind the other."""
+        found = [self.places[name] for name in names]
+        return np.concatenate(found) if found else np.zeros(0, dtype=np.int64)
+
+    def with_known(self, names: Iterable[str]) -> Equations:
+        """With what was known beforehand of some blocks, each of which becomes so many numbers more."""
+        N, b, constant, count = self.information.copy(), self.vector.copy(), self.constant, self.count
+        for name in names:
+            known, at = self.blocks[name], self.places[name]
+            if known.covariance is not None:
+                W = np.linalg.inv(known.covariance)
+                N[np.ix_(at, at)] += W
+                b[at] += W @ known.pull
+                constant += float(known.pull @ W @ known.pull)
+                count += at.size
+        return replace(self, information=N, vector=b, constant=constant, count=count)
+
+    def only(self, names: Sequence[str]) -> Equations:
+        """Over some blocks, in this order, the others eliminated with what was known of them."""
+        others = [name for name in self.blocks if name not in set(names)]
+        whole = self.with_known(others)
+        k, r = whole.at(names), whole.at(others)
+        N, b = whole.information, whole.vector
+        S = np.linalg.solve(N[np.ix_(r, r)], np.column_stack([N[np.ix_(r, k)], b[r]]))
+        return Equations(
+            self.C_EK,
+            {name: self.blocks[name] for name in names},
+            N[np.ix_(k, k)] - N[np.ix_(k, r)] @ S[:, :-1],
+            b[k] - N[np.ix_(k, r)] @ S[:, -1],
+            whole.constant - float(b[r] @ S[:, -1]),
+            whole.count - r.size,
+        )
+
+    def about(self, C_EK: Array, references: Mapping[str, Array]) -> Equations:
+        """The same about another mounting and other references of the blocks: ``z + A (x - d)``."""
+        turn = so3.log(self.C_EK @ C_EK.T) / ARCSEC
+        d = np.concatenate(
+            [
+                turn if name == MOUNTING else known.reference - references[name]
+                for name, known in self.blocks.items()
+            ]
+        )
+        Nd = self.information @ d
+        constant = self.constant - 2.0 * float(self.vector @ d) + float(d @ Nd)
+        blocks = {
+            name: known if name == MOUNTING else replace(known, reference=references[name])
+            for name, known in self.blocks.items()
+        }
+        return replace(self, C_EK=C_EK, blocks=blocks, vector=self.vector - Nd, constant=constant)
+
+
+def summed(C_EK: Array, blocks: Mapping[str, Known], images: Iterable[Image]) -> Equations:
+    """The equations of a campaign from those of its images."""
+    size = sum(known.reference.size for known in blocks.values())
+    whole = Equations(C_EK, blocks, np.zeros((size, size)), np.zeros(size), 0.0, 0)
+    constant, count = 0.0, 0
+    for names, N, b, c, n in images:
+        at = whole.at(names)
+        whole.information[np.ix_(at, at)] += N
+        whole.vector[at] += b
+        constant, count = constant + c, count + n
+    return replace(whole, constant=constant, count=count)
+
+
+@dataclass(frozen=True)
+class Joint:
+    """The least-squares solution of several campaigns: the mounting with its covariance rad^2 about E, and chi-square
+    of ``count`` numbers with ``degrees`` of freedom; ``values`` of the unknowns that several campaigns have, by name,
+    in their own units."""
+
+    C_EK: Array
+    covariance_E: Array
+    chi2: float
+    count: int
+    degrees: int
+    values: Mapping[str, Array]
+
+
+def shared_names(parts: Sequence[Equations]) -> tuple[str, ...]:
+    """The mounting, and the blocks that two campaigns or more have, in the order in which they first occur."""
+    times = Counter(name for part in parts for name in part.blocks)
+    return (MOUNTING, *(name for name, n in times.items() if n > 1 and name != MOUNTING))
+
+
+def linked(parts: Sequence[Equations], names: Sequence[str] | None = None) -> list[Equations]:
+    """Each campaign over the blocks that others have too (``names``), about the references of the first that has
+    each."""
+    names = shared_names(parts) if names is None else names
+    first: dict[str, Array] = {}
+    for part in parts:
+        first |= {name: known.reference for name, known in part.blocks.items() if name not in first}
+    C_0 = parts[0].C_EK
+    return [part.only([name for name in names if name in part.blocks]).about(C_0, first) for part in parts]
+
+
+def joint(parts: Sequence[Equations], *, mounting_known: bool = True) -> Joint:
+    """The solution of campaigns whose blocks of one name are one unknown; what is known of such a block is taken from
+    the first campaign that states it.  ``mounting_known`` False leaves out what is known of the mounting."""
+    few = linked(parts)
+    blocks: dict[str, Known] = {}
+    for part in few:
+        for name, known in part.blocks.items():
+            if name not in blocks or (blocks[name].covariance is None and known.covariance is not None):
+                blocks[name] = known
+    whole = summed(few[0].C_EK, blocks, ((tuple(p.blocks), p.information, p.vector, 0.0, 0) for p in few))
+    constant, numbers = sum(p.constant for p in few), sum(p.count for p in few)
+    whole = replace(whole, constant=constant, count=numbers)
+    whole = whole.with_known([name for name in blocks if mounting_known or name != MOUNTING])
+    P = np.linalg.inv(whole.information)
+    x = -P @ whole.vector
+    turn = whole.places[MOUNTING]
+    values = {name: x[at] + blocks[name].reference for name, at in whole.places.items()}
+    return Joint(
+        so3.exp(ARCSEC * x[turn]) @ whole.C_EK,
+        np.asarray(ARCSEC**2 * P[np.ix_(turn, turn)]),
+        whole.constant + float(whole.vector @ x),
+        sum(part.count for part in parts),
+        whole.count - x.size,
+        values,
+    )

@@ -1,0 +1,196 @@
+"""The archive of a mission in a session: what :func:`starplumb.open_archive` returns."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Annotated, Any, ClassVar
+
+from ...io.archive import blobs, records, store, unite
+from ...io.archive.conflicts import known
+from ...io.archive.rows import Entry, Instrument, entries, insert
+from ...physics.errors import ArgumentError
+from ...report.page import Table
+from ..arguments import Wanted, checked
+from ..result import Result
+from ..show import Shown
+from .adding import Coming, coming
+from .entries import SHORT, day, entry_document, instrument_of, one_of, state
+
+Words = Annotated[str, Wanted("some words", lambda value: bool(value.strip()) and value.isprintable())]
+Satellite = Annotated[str, Wanted("the name of a satellite", lambda value: value.isprintable())]
+
+
+def utc_now() -> str:
+    return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%S.%f")
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class Archive(Shown):
+    """The archive of a mission at ``path``: its campaigns, their joint solution, events and what was issued."""
+
+    made_by: ClassVar[str] = "open_archive"
+
+    path: Path
+
+    @checked
+    def add(
+        self,
+        what: Result | str | Path | Sequence[str | Path],
+        satellite: Satellite | None = None,
+    ) -> dict[str, Any]:
+        """Add results (a Result, the path of a ``result.json`` or of its folder) or campaigns (the path of a
+        ``campaign.toml``, which is then calibrated by default), all or none.
+
+        The same inputs with the same options are one entry, however often they are added.  The files of a campaign are
+        kept beside the archive where they still are what the result was made from.  ``satellite`` is theirs, by default
+        the archive's own.  Raises InputError where sightings would count twice, or a landmark stood elsewhere before.
+        """
+        each = [what] if isinstance(what, Result | str | Path) else list(what)
+        with store.opened(self.path) as database:
+            name = self._default(database) if satellite is None else satellite
+        found = [coming(one, name) for one in each]
+        kept = [self._keep(one) for one in found]
+        with store.opened(self.path) as database, store.transaction(database):
+            new = [self._insert(database, one) for one in found]
+        return {
+            "schema": "starplumb-archive-add/1",
+            "archive": str(self.path),
+            "campaigns": [
+                {"id": c.row.id, "name": c.row.name, "status": c.row.status, "new": fresh, "kept": all_there}
+                for c, fresh, all_there in zip(found, new, kept, strict=True)
+            ],
+            "notices": [notice for one in found for notice in one.notices],
+        }
+
+    @staticmethod
+    def _insert(database: sqlite3.Connection, one: Coming) -> bool:
+        if known(database, one.row):
+            return False
+        insert(database, one.row, utc_now())
+        return True
+
+    def _keep(self, one: Coming) -> bool:
+        """Whether all files of a campaign are kept now."""
+        kept = [
+            any(blobs.keep(self.path, digest, folder / name) for folder in one.folders)
+            for name, digest in one.row.inputs.items()
+        ]
+        return all(kept)
+
+    @property
+    def entries(self) -> Sequence[Entry]:
+        """All campaigns, withdrawn ones too, in the order of time."""
+        with store.opened(self.path) as database:
+            return tuple(entries(database))
+
+    @property
+    def listed(self) -> list[dict[str, Any]]:
+        """All campaigns, as ``starplumb archive list --json`` prints them."""
+        return [entry_document(entry) for entry in self.entries]
+
+    @checked
+    def show(self, satellite: str | None = None, camera: str | None = None) -> Any:
+        """The joint solution of all campaigns that stand, of one satellite and camera where the archive has several.
+
+        Raises InputError where there is none.
+        """
+        from .joint import shown
+
+        with self._reading(satellite, camera) as (database, instrument):
+            return shown(str(self.path), database, instrument)
+
+    @checked
+    def withdraw(self, campaign: str, reason: Words) -> dict[str, Any]:
+        """Withdraw a campaign, by the first characters of its id or by its name: it stays, and counts no more."""
+        with store.opened(self.path) as database, store.transaction(database):
+            entry = one_of(entries(database), campaign)
+            if entry.withdrawn is not None:
+                raise ArgumentError(
+                    "campaign",
+                    f"found {entry.id[:SHORT]} withdrawn already ({entry.withdrawn[1]}), wanted another",
+                )
+            records.withdraw(database, entry.id, reason, utc_now())
+        return {
+            "schema": "starplumb-archive-withdraw/1",
+            "archive": str(self.path),
+            "id": entry.id,
+            "name": entry.name,
+            "reason": reason,
+        }
+
+    @checked
+    def merge(self, other: str | Path) -> dict[str, Any]:
+        """Add what another archive has and this one has not, all or nothing; the other stays as it is."""
+        counts = unite.merge(self.path, Path(other))
+        tables = {"campaigns": "campaign", "events": "event", "issued": "validity", "withdrawn": "withdrawn"}
+        return {
+            "schema": "starplumb-archive-merge/1",
+            "archive": str(self.path),
+            "merged": str(other),
+            **{name: counts[table] for name, table in tables.items()},
+        }
+
+    def verify(self) -> dict[str, Any]:
+        """What is wrong with the archive, and which campaigns could not be run again for want of their files."""
+        return {
+            "schema": "starplumb-archive-verify/1",
+            "archive": str(self.path),
+            "campaigns": len(self.entries),
+            "faults": list(unite.faults(self.path)),
+            "not_kept": unite.unkept(self.path),
+        }
+
+    @contextmanager
+    def _reading(
+        self, satellite: str | None, camera: str | None
+    ) -> Iterator[tuple[sqlite3.Connection, Instrument]]:
+        """The database, and the one instrument that is meant."""
+        with store.opened(self.path) as database:
+            yield database, instrument_of(str(self.path), entries(database), satellite, camera)
+
+    @staticmethod
+    def _default(database: sqlite3.Connection) -> str:
+        row = database.execute("SELECT value FROM meta WHERE key = 'satellite'").fetchone()
+        return "" if row is None else str(row[0])
+
+    @property
+    def tables(self) -> Sequence[Table]:
+        rows = [
+            (
+                e.id[:SHORT],
+                e.name,
+                e.instrument.satellite,
+                day(e.first_ns),
+                state(e),
+                str(e.images),
+                e.method,
+            )
+            for e in self.entries
+        ]
+        head = ("id", "campaign", "satellite", "first image (UTC)", "status", "images", "method")
+        return (Table(str(self.path), head, rows, text_columns=5),)
+
+    @property
+    def sentences(self) -> Sequence[str]:
+        found = self.entries
+        stand = sum(entry.stands for entry in found)
+        return (f"{len(found)} campaign{'s' * (len(found) != 1)}, {stand} in use",)
+
+
+@checked
+def open_archive(path: str | Path, create: bool = False, satellite: Satellite = "") -> Archive:
+    """The archive of a mission in the file at ``path``; with ``create`` it is made if it is not there.
+
+    ``satellite`` names the satellite of campaigns that are added without another, in an archive that is made.  Raises
+    InputError where the file is none, or lies on a drive of a network.
+    """
+    where = Path(path)
+    if create and not where.exists():
+        store.create(where, satellite)
+    with store.opened(where):
+        return Archive(where)

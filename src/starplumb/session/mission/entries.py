@@ -1,0 +1,91 @@
+"""The campaigns of an archive as they are shown, found and told apart."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from ...io.archive.rows import Entry, Instrument
+from ...io.text.files import nearest
+from ...physics.errors import ArgumentError, InputError
+from ...physics.timescales import format_iso
+
+SHORT = 12
+"""Characters of an id that are shown."""
+LEAST = 4
+"""Characters of an id by which a user may name a campaign."""
+
+
+def day(t_ns: int) -> str:
+    """A time to the second."""
+    return format_iso([t_ns], "UTC", 0)[0]
+
+
+def state(entry: Entry) -> str:
+    """The status of a campaign, or why it was withdrawn."""
+    return entry.status if entry.withdrawn is None else f"withdrawn: {entry.withdrawn[1]}"
+
+
+def entry_document(entry: Entry) -> dict[str, Any]:
+    """One campaign, as ``list --json`` prints it."""
+    first, last = format_iso([entry.first_ns, entry.last_ns], "UTC")
+    at = entry.withdrawn
+    return {
+        "schema": "starplumb-archive-entry/1",
+        "id": entry.id,
+        "name": entry.name,
+        "satellite": entry.instrument.satellite,
+        "from": entry.instrument.frame_from,
+        "to": entry.instrument.frame_to,
+        "first": first,
+        "last": last,
+        "added": entry.added_utc,
+        "status": entry.status,
+        "method": entry.method,
+        "software": entry.software,
+        "images": entry.images,
+        "observations": entry.observations,
+        "counts": why_not(entry) is None,
+        "why_not": why_not(entry),
+        "withdrawn": None if at is None else {"time": at[0], "reason": at[1]},
+    }
+
+
+def why_not(entry: Entry) -> str | None:
+    """Why a campaign is not in the joint solution; None for one that is."""
+    if entry.withdrawn is not None:
+        return f"withdrawn: {entry.withdrawn[1]}"
+    if not entry.stands:
+        return f"its answer must not be used ({entry.status})"
+    return None if entry.summable else "no normal equations were written with its result"
+
+
+def instrument_of(name: str, found: Sequence[Entry], satellite: str | None, camera: str | None) -> Instrument:
+    """The one instrument that has campaigns and fits what is asked for.  Raises InputError where it is not one."""
+    all_ = list(dict.fromkeys(entry.instrument for entry in found))
+    if not all_:
+        raise InputError(
+            f"{name}: found no campaign, wanted one or more; starplumb archive add {name} WHAT adds one"
+        )
+    chosen = [one for one in all_ if satellite in (None, one.satellite) and camera in (None, one.frame_from)]
+    listed = "; ".join(map(str, all_[:6])) + ("; ..." if len(all_) > 6 else "")
+    if len(chosen) != 1:
+        wrong = "camera" if satellite is None and camera is not None else "satellite"
+        asked = satellite if wrong == "satellite" else camera
+        said = "found several mountings" if chosen else f"found {asked!r}"
+        near = nearest(asked, [one.satellite for one in all_]) if asked and not chosen else None
+        hint = f" (did you mean {near}?)" if near else ""
+        raise ArgumentError(wrong, f"{said} in {name}, wanted one of: {listed}{hint}")
+    return chosen[0]
+
+
+def one_of(found: Sequence[Entry], campaign: str) -> Entry:
+    """A campaign by the first characters of its id, or by its name.  Raises ArgumentError where it is not one."""
+    hits = [e for e in found if e.name == campaign or (len(campaign) >= LEAST and e.id.startswith(campaign))]
+    if len(hits) != 1:
+        said = "no such campaign" if not hits else f"{len(hits)} campaigns"
+        raise ArgumentError(
+            "campaign",
+            f"found {said} under {campaign!r}, wanted the first characters of one id, as list shows them",
+        )
+    return hits[0]

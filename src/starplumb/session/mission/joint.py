@@ -1,0 +1,215 @@
+"""The joint solution of an archive's campaigns: what ``show`` says."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...documents.numbers import numbers
+from ...documents.result import ResultDocument
+from ...io.archive.rows import Entry, Instrument, entries, equations_of, result_text
+from ...judge.consistency import IMPLAUSIBLE_P
+from ...judge.trust import NORMAL_95
+from ...mission.joint import MOUNTING, Equations, Joint, joint, shared_names
+from ...mission.points import Points, points, scatter
+from ...physics import so3
+from ...physics.errors import InputError
+from ...physics.timescales import format_iso
+from ...physics.units import ARCSEC
+from ...report.page import Table
+from ..show import Shown
+from .entries import why_not
+
+Array = NDArray[np.float64]
+
+FAR_ARCSEC = 60.0
+"""A campaign whose equations are about a mounting farther from the joint one is not linear enough any more."""
+SAME = 1e-6
+"""Part by which what is known of the mounting beforehand may differ and be the same."""
+
+
+@dataclass(frozen=True)
+class Standing:
+    """The campaigns of an instrument that count, with their equations."""
+
+    entries: tuple[Entry, ...]
+    parts: tuple[Equations, ...]
+    left_out: tuple[tuple[Entry, str], ...]
+    mounting_known: bool
+    notices: tuple[str, ...]
+
+
+def standing(name: str, database: sqlite3.Connection, instrument: Instrument) -> Standing:
+    """Those of an instrument.  Raises InputError where none counts."""
+    mine = [entry for entry in entries(database) if entry.instrument == instrument]
+    left = tuple((entry, reason) for entry in mine if (reason := why_not(entry)) is not None)
+    used = tuple(entry for entry in mine if why_not(entry) is None)
+    if not used:
+        reasons = "; ".join(f"{entry.name}: {reason}" for entry, reason in left[:3])
+        raise InputError(
+            f"{name}: found no campaign of {instrument} that counts ({reasons}), wanted one or more"
+        )
+    results = [ResultDocument.from_json(result_text(database, e.id), e.name) for e in used]
+    parts = tuple(equations_of(database, e.id, r.C_EK) for e, r in zip(used, results, strict=True))
+    agreed, notices = _known_before(parts, results)
+    return Standing(used, parts, left, agreed, notices)
+
+
+def _known_before(
+    parts: Sequence[Equations], results: Sequence[ResultDocument]
+) -> tuple[bool, tuple[str, ...]]:
+    """Whether what campaigns state of the mounting beforehand may be added: all the same, and of no campaign here."""
+    stated = [part for part in parts if part.blocks[MOUNTING].covariance is not None]
+    if not stated:
+        return True, ()
+    first = stated[0].blocks[MOUNTING].covariance
+    expected = [so3.exp(ARCSEC * part.blocks[MOUNTING].expected) @ part.C_EK for part in stated]
+    one = all(
+        np.allclose(part.blocks[MOUNTING].covariance, first, rtol=SAME)  # type: ignore[arg-type]
+        and np.allclose(C, expected[0], atol=1e-9)
+        for part, C in zip(stated, expected, strict=True)
+    )
+    here = [np.array(r.covariance_arcsec2) for r in results if r.covariance_arcsec2 is not None]
+    told = any(np.allclose(part.blocks[MOUNTING].covariance, P, rtol=1e-4) for part in stated for P in here)  # type: ignore[arg-type]
+    if one and not told:
+        return True, ()
+    why = "is that of another campaign here" if told else "is not the same in all that state it"
+    return False, (f"what campaigns state of the mounting beforehand is left out: it {why}",)
+
+
+@dataclass(frozen=True, repr=False)
+class JointSolution(Shown):
+    """The mounting by all campaigns of an archive; ``document`` is what ``show --json`` prints."""
+
+    made_by: ClassVar[str] = "Archive.show"
+
+    document: dict[str, Any]
+
+    @property
+    def C_EK(self) -> Array:
+        """The mounting (3, 3)."""
+        return np.array(self.document["matrix"])
+
+    @property
+    def tables(self) -> Sequence[Table]:
+        d = self.document
+        rows = [("sigma", *_fixed(d["sigma_arcsec"]))]
+        if d["sigma_from_data_arcsec"] is not None:
+            rows.append(("sigma from the data", *_fixed(d["sigma_from_data_arcsec"])))
+        rows.append(("95 % interval, +-", *_fixed(d["interval_95_arcsec"])))
+        of = f" of {d['satellite']}" if d["satellite"] else ""
+        caption = f"Joint mounting{of} from {d['from']} to {d['to']}, {len(d['campaigns'])} campaigns"
+        each = [
+            (c["name"], c["first"][:19], *_fixed(c["correction_arcsec"]), *_fixed(c["sigma_arcsec"]))
+            for c in d["campaigns"]
+        ]
+        head = (
+            "campaign",
+            "first image (UTC)",
+            *(f"{axis} off" for axis in "xyz"),
+            *(f"sigma {a}" for a in "xyz"),
+        )
+        return (
+            Table(caption, ("arcsec about", "x", "y", "z"), rows),
+            Table("Each by itself, arcsec from the joint mounting", head, each, text_columns=2),
+        )
+
+    @property
+    def sentences(self) -> Sequence[str]:
+        d = self.document
+        fit = d["fit"]
+        quaternion = " ".join(f"{q:.12f}" for q in d["quaternion_xyzw"])
+        lines = [
+            f"quaternion x y z w: {quaternion}",
+            f"chi-square {fit['chi2']:.1f} for {fit['degrees_of_freedom']} degrees of freedom "
+            f"(p = {fit['chi2_p']:.3g})",
+            *([f"status {d['status']}: {d['message']}"] if d["message"] else []),
+        ]
+        return (*lines, *(f"left out: {one['name']}, {one['reason']}" for one in d["left_out"]))
+
+
+def _fixed(values: Sequence[float]) -> tuple[str, ...]:
+    return tuple(f"{value:.3f}" for value in values)
+
+
+def shown(name: str, database: sqlite3.Connection, instrument: Instrument) -> JointSolution:
+    """The joint solution of an instrument."""
+    found = standing(name, database, instrument)
+    whole = joint(found.parts, mounting_known=found.mounting_known)
+    own = points(found.parts).about(whole.C_EK)
+    data, degrees = scatter(own)
+    return JointSolution(_document(name, instrument, found, whole, own, data, degrees))
+
+
+def _document(
+    name: str,
+    instrument: Instrument,
+    found: Standing,
+    whole: Joint,
+    own: Points,
+    data: Array | None,
+    degrees: int,
+) -> dict[str, Any]:
+    from scipy.special import chdtrc, stdtrit
+
+    sigma = np.sqrt(np.diagonal(whole.covariance_E))
+    p = float(chdtrc(whole.degrees, whole.chi2)) if whole.degrees > 0 else None
+    half = NORMAL_95 * sigma
+    if data is not None:
+        half = np.maximum(half, stdtrit(degrees, 0.975) * data)
+    weak = [*_weaknesses(own, p), *found.notices]
+    firsts = format_iso([e.first_ns for e in found.entries], "UTC")
+    lasts = format_iso([e.last_ns for e in found.entries], "UTC")
+    return {
+        "schema": "starplumb-archive-show/1",
+        "archive": name,
+        "satellite": instrument.satellite,
+        "from": instrument.frame_from,
+        "to": instrument.frame_to,
+        "status": "weak" if weak else "ok",
+        "message": "; ".join(weak),
+        "matrix": numbers(whole.C_EK),
+        "quaternion_xyzw": numbers(so3.to_quaternion(whole.C_EK)),
+        "sigma_arcsec": numbers(sigma / ARCSEC),
+        "covariance_arcsec2": numbers(whole.covariance_E / ARCSEC**2),
+        "interval_95_arcsec": numbers(half / ARCSEC),
+        "sigma_from_data_arcsec": None if data is None else numbers(data / ARCSEC),
+        "degrees_of_freedom_from_data": degrees,
+        "fit": {"chi2": numbers(whole.chi2), "degrees_of_freedom": whole.degrees, "chi2_p": p},
+        "landmarks_shared": sum(name.startswith("landmark[") for name in shared_names(found.parts)),
+        "campaigns": [
+            {
+                "id": entry.id,
+                "name": entry.name,
+                "first": first,
+                "last": last,
+                "correction_arcsec": numbers(value / ARCSEC),
+                "sigma_arcsec": numbers(spread / ARCSEC),
+            }
+            for entry, first, last, value, spread in zip(
+                found.entries, firsts, lasts, own.value_E, own.sigma_E, strict=True
+            )
+        ],
+        "left_out": [{"id": e.id, "name": e.name, "reason": reason} for e, reason in found.left_out],
+    }
+
+
+def _weaknesses(own: Points, p: float | None) -> list[str]:
+    """What weakens a joint solution, each in a sentence."""
+    weak = []
+    if p is not None and p < IMPLAUSIBLE_P:
+        weak.append(
+            f"the campaigns scatter more than their stated sigmas allow (p = {p:.2g}): the mounting may move, "
+            "starplumb archive trend looks into it"
+        )
+    far = float(np.max(np.abs(own.value_E)) / ARCSEC)
+    if far > FAR_ARCSEC:
+        weak.append(
+            f"a campaign is {far:.3g} arcsec from the joint mounting, beyond what its equations hold for"
+        )
+    return weak

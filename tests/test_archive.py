@@ -1,0 +1,261 @@
+"""The archive of a mission: campaigns add up to one solution, nothing counts twice, and nothing gets lost."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import sqlite3
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import starplumb as sp
+from command import starplumb
+from missions import mission, part, whole
+from starplumb.io.archive import blobs, store
+from starplumb.io.campaign.write import write_campaign
+from starplumb.physics import so3
+from starplumb.physics.errors import InputError
+
+
+def saved(path, method="gls"):
+    result = sp.calibrate(sp.read_campaign(path), method=method)
+    result.save(path.parent / "result", report=False)
+    return path.parent / "result"
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("made")
+    campaign = whole(np.random.default_rng(16))
+    for name, chosen in {"all": list(range(6)), "a": [0, 1], "b": [2, 3, 4, 5]}.items():
+        saved(write_campaign(folder / name, part(campaign, chosen, name)))
+    return folder
+
+
+@pytest.fixture
+def parts(made, tmp_path):
+    """One campaign of a site, and its images in two campaigns: folders of results."""
+    shutil.copytree(made, tmp_path / "made")
+    return {name: tmp_path / "made" / name / "result" for name in ("all", "a", "b")}
+
+
+def archive_of(tmp_path, *results, name="mission.db"):
+    found = sp.open_archive(tmp_path / name, create=True)
+    found.add([str(one) for one in results])
+    return found
+
+
+def test_campaigns_of_an_archive_are_solved_as_one(tmp_path, parts):
+    found = archive_of(tmp_path, parts["a"], parts["b"]).show()
+    one = json.loads((parts["all"] / "result.json").read_text())
+    away = so3.log(found.C_EK @ np.array(one["mounting"]["matrix"]).T) * 206264.80625
+    assert np.all(np.abs(away) < 1e-3 * np.array(one["sigma_arcsec"]))
+    np.testing.assert_allclose(found.document["sigma_arcsec"], one["sigma_arcsec"], rtol=1e-3)
+    np.testing.assert_allclose(
+        found.document["covariance_arcsec2"], one["covariance_arcsec2"], rtol=2e-3, atol=1e-3
+    )
+    assert found.document["fit"]["chi2"] == pytest.approx(one["fit"]["chi2"], rel=1e-3)
+    assert found.document["fit"]["degrees_of_freedom"] == one["fit"]["degrees_of_freedom"]
+    assert [c["name"] for c in found.document["campaigns"]] == ["a", "b"]
+    assert found.document["landmarks_shared"] == 9
+
+
+@pytest.mark.slow
+def test_the_same_inputs_are_one_entry(tmp_path, parts):
+    path = tmp_path / "mission.db"
+    assert starplumb("archive", "init", path, "--satellite", "S1").status == 0
+    for what in (parts["a"], parts["a"] / "result.json", parts["a"]):
+        assert starplumb("archive", "add", path, what).status == 0
+    listed = json.loads(starplumb("archive", "list", path, "--json").out)
+    assert [(one["name"], one["satellite"], one["images"]) for one in listed] == [("a", "S1", 2)]
+
+
+@pytest.mark.slow
+def test_a_campaign_and_its_result_are_one_entry(tmp_path, parts):
+    path = tmp_path / "mission.db"
+    saved(parts["a"].parent / "campaign.toml", method="default")
+    assert starplumb("archive", "init", path).status == 0
+    assert starplumb("archive", "add", path, parts["a"].parent / "campaign.toml", parts["a"]).status == 0
+    assert len(json.loads(starplumb("archive", "list", path, "--json").out)) == 1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("other", ["another method", "more images"])
+def test_sightings_do_not_count_twice(tmp_path, parts, other):
+    archive = archive_of(tmp_path, parts["b"])
+    if other == "another method":
+        saved(parts["b"].parent / "campaign.toml", method="default")
+    coming = parts["b"] if other == "another method" else parts["all"]
+    with pytest.raises(InputError, match=r"would count twice, wanted .* withdrawn first"):
+        archive.add(coming)
+    assert len(archive.entries) == 1
+    archive.withdraw(archive.entries[0].id[:8], "to be replaced")
+    archive.add(coming)
+    assert [entry.stands for entry in archive.entries].count(True) == 1
+
+
+@pytest.mark.slow
+def test_one_landmark_stands_at_one_place(tmp_path, parts):
+    archive = archive_of(tmp_path, parts["a"])
+    table = parts["b"].parent / "landmarks.csv"
+    lines = table.read_text().splitlines()
+    cells = lines[1].split(",")
+    cells[3] = str(float(cells[3]) + 5.0)
+    table.write_text("\n".join([lines[0], ",".join(cells), *lines[2:]]) + "\n")
+    moved = saved(parts["b"].parent / "campaign.toml")
+    done = starplumb("archive", "add", archive.path, moved)
+    assert done.status == 2
+    assert "found landmark[gcp001] 5 m from where" in done.err
+    assert done.err.count("\n") == 1
+
+
+@pytest.mark.slow
+def test_what_is_withdrawn_counts_no_more_and_stays(tmp_path, parts):
+    archive = archive_of(tmp_path, parts["a"], parts["b"])
+    alone = archive_of(tmp_path, parts["b"], name="alone.db").show()
+    assert starplumb("archive", "withdraw", archive.path, "a", "--reason", "wrong clock").status == 0
+    found = archive.show()
+    np.testing.assert_allclose(found.C_EK, alone.C_EK, atol=1e-15)
+    assert found.document["left_out"][0]["reason"] == "withdrawn: wrong clock"
+    assert len(archive.listed) == 2
+    with pytest.raises(InputError, match=r"found it withdrawn \(wrong clock\)"):
+        archive.add(parts["a"])
+
+
+def test_rows_are_only_ever_added(tmp_path, parts):
+    archive = archive_of(tmp_path, parts["a"])
+    archive.withdraw("a", "a test")
+    with sqlite3.connect(archive.path) as database:
+        for table in ("campaign", "image", "normal", "unknown", "input", "withdrawn"):
+            for statement in (f"DELETE FROM {table}", f"UPDATE {table} SET rowid = rowid"):
+                with pytest.raises(sqlite3.IntegrityError, match="only grows"):
+                    database.execute(statement)
+
+
+@pytest.mark.slow
+def test_archives_are_united_whatever_the_order(tmp_path, parts):
+    one, two = archive_of(tmp_path, parts["a"]), archive_of(tmp_path, parts["b"], name="two.db")
+    both = archive_of(tmp_path, parts["a"], parts["b"], name="both.db")
+    two.withdraw("b", "a test")
+    assert one.merge(two.path)["campaigns"] == 1
+    assert one.merge(two.path)["campaigns"] == 0
+    two.merge(one.path)
+    assert {e.id for e in one.entries} == {e.id for e in two.entries} == {e.id for e in both.entries}
+    assert [e.withdrawn is not None for e in one.entries] == [e.withdrawn is not None for e in two.entries]
+    assert one.verify()["faults"] == []
+    assert one.verify()["not_kept"] == {}
+
+
+@pytest.mark.slow
+def test_archives_that_contradict_each_other_are_not_united(tmp_path, parts):
+    one, two = archive_of(tmp_path, parts["b"]), archive_of(tmp_path, parts["all"], name="two.db")
+    with pytest.raises(InputError, match="would count twice"):
+        one.merge(two.path)
+    assert len(one.entries) == 1
+
+
+def test_verify_finds_what_was_changed(tmp_path, parts):
+    archive = archive_of(tmp_path, parts["a"])
+    digest = next(iter(json.loads((parts["a"] / "result.json").read_text())["inputs"].values()))
+    blobs.place_of(archive.path, digest).write_bytes(b"no longer")
+    assert list(archive.verify()["not_kept"].values()) == [["campaign.toml"]]
+    with sqlite3.connect(archive.path) as database:
+        database.execute("DROP TRIGGER input_UPDATE")
+        database.execute("UPDATE input SET sha256 = 'sha256:0' WHERE name = 'campaign.toml'")
+    done = starplumb("archive", "verify", archive.path)
+    assert done.status == 3
+    assert "is not what its id says" in done.err
+
+
+@pytest.mark.slow
+def test_the_scatter_of_campaigns_tells_its_own_sigma(rng, tmp_path):
+    """Six campaigns of a mounting that jumps by 20 arcsec rms between them: no stated sigma knows of it."""
+    jumps = rng.normal(0.0, 20.0, (6, 3))
+    paths = mission(rng, tmp_path, [10.0 * k for k in range(6)], jumps)
+    found = archive_of(tmp_path, *map(saved, paths)).show().document
+    assert found["status"] == "weak"
+    assert "the mounting may move" in found["message"]
+    wanted = np.std(jumps, axis=0, ddof=1) / np.sqrt(6)
+    assert np.all(np.array(found["sigma_from_data_arcsec"]) > 0.5 * wanted)
+    assert np.all(np.array(found["interval_95_arcsec"]) > 2.0 * wanted)
+
+
+@pytest.mark.parametrize(
+    ("make", "sentence"),
+    [
+        (lambda path: None, "found no such file, wanted an archive"),
+        (lambda path: path.mkdir(), "found a folder, wanted an archive"),
+        (lambda path: path.write_text("no database at all " * 9), "found a file that SQLite cannot read"),
+        (
+            lambda path: sqlite3.connect(path).execute("CREATE TABLE t(x)"),
+            "found a database of another program",
+        ),
+    ],
+)
+@pytest.mark.parametrize("verb", ["list", "show", "verify"])
+def test_what_is_no_archive_is_refused_in_a_sentence(tmp_path, make, sentence, verb):
+    make(tmp_path / "x.db")
+    done = starplumb("archive", verb, tmp_path / "x.db", "--json")
+    assert (done.status, done.out) == (2, "")
+    assert sentence in done.err
+    assert done.err.count("\n") == 1
+
+
+def test_an_archive_is_never_overwritten(tmp_path):
+    assert starplumb("archive", "init", tmp_path / "x.db").status == 0
+    done = starplumb("archive", "init", tmp_path / "x.db")
+    assert done.status == 2
+    assert "an archive is never overwritten" in done.err
+    assert [path.name for path in tmp_path.iterdir()] == ["x.db"]
+
+
+MOUNTS = """\
+22 1 8:1 / / rw,relatime - ext4 /dev/sda1 rw
+30 22 0:40 / /mnt/team rw,relatime shared:1 - nfs4 server:/team rw
+31 30 0:41 / /mnt/team/my\\040disk rw - xfs /dev/sdb1 rw
+"""
+
+
+@pytest.mark.parametrize(
+    ("folder", "kind"),
+    [
+        ("/home/u", "ext4"),
+        ("/mnt/team", "nfs4"),
+        ("/mnt/team/a/b", "nfs4"),
+        ("/mnt/team/my disk/a", "xfs"),
+        ("/mnt/teamwork", "ext4"),
+    ],
+)
+def test_the_kind_of_a_drive_is_that_of_its_nearest_mount(folder, kind):
+    assert store.kind_of_drive(Path(folder), MOUNTS) == kind
+
+
+def test_network_drives_are_refused_in_a_sentence(tmp_path, monkeypatch):
+    listed = tmp_path / "mounts"
+    listed.write_text(f"30 22 0:40 / {tmp_path} rw - nfs4 server:/team rw\n")
+    monkeypatch.setattr(store, "MOUNTS", listed)
+    done = starplumb("archive", "init", tmp_path / "x.db")
+    assert done.status == 2
+    assert "found a network drive (nfs4), wanted a local one" in done.err
+    assert not (tmp_path / "x.db").exists()
+
+
+def test_several_satellites_are_told_apart(tmp_path, parts):
+    archive = sp.open_archive(tmp_path / "fleet.db", create=True)
+    archive.add(parts["a"], satellite="A")
+    archive.add(parts["b"], satellite="B")
+    assert archive.show("A").document["satellite"] == "A"
+    with pytest.raises(
+        InputError, match=r"satellite: found several mountings in .*'A', camera to star_tracker"
+    ):
+        archive.show()
+    with pytest.raises(InputError, match="satellite: found 'C'"):
+        archive.show("C")
+
+
+def test_equations_of_another_result_are_refused(tmp_path, parts):
+    (parts["a"] / "normals.json").write_text((parts["b"] / "normals.json").read_text())
+    with pytest.raises(InputError, match=r"equations about another mounting than that of result\.json"):
+        archive_of(tmp_path, parts["a"])
