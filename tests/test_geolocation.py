@@ -14,7 +14,7 @@ from problems import C_EK_TRUE, FRAME, LINE, truth
 from starplumb.cli.app import app
 from starplumb.ground import geolocation
 from starplumb.ground.geolocation import positions, terrain_below
-from starplumb.ground.terrain import ground_height
+from starplumb.ground.terrain import ground_height, ground_heights
 from starplumb.io.campaign.write import write_campaign
 from starplumb.io.gis.geolocation import write_grid
 from starplumb.physics.earth import itrf_to_geodetic
@@ -80,6 +80,36 @@ def test_the_terrain_below_is_met_where_the_single_ray_meets_it():
         np.testing.assert_allclose(
             found[i, j, :2], singly(campaign, rows[i], columns[j], found[i, j, 2]), atol=1e-9, rtol=0
         )
+
+
+@pytest.mark.parametrize("camera", [FRAME, LINE], ids=["frame", "line"])
+def test_many_rays_end_where_each_first_meets_the_ground(camera, rng):
+    """Aslant over ridges: on the ground, and above it all the way down, looked at every metre; some see no ground."""
+    campaign = truth(camera, 2, 1, tilt_deg=40.0)
+    image, pixel = np.repeat([0, 1], 15), rng.uniform(0.0, 11999.0, (30, 2))
+
+    def ridges(latitude, longitude):
+        x = 6.4e6 * np.stack([latitude, longitude])
+        height = (
+            900.0 + 700.0 * np.sin(x[0] / 2500.0) * np.cos(x[1] / 1900.0) + 30.0 * np.sin(x.sum(0) / 150.0)
+        )
+        return np.where(latitude < edge, height, np.nan)
+
+    level = itrf_to_geodetic(locate(campaign, C_EK_TRUE, image, *pixel.T, 900.0))
+    edge = np.sort(level[0])[-4]
+    found = ground_heights(campaign, C_EK_TRUE, image, pixel, ridges, 20.0)
+    assert 1 <= np.isnan(found).sum() <= 6
+    seen = np.flatnonzero(np.isfinite(found))
+    latitude, longitude, _ = itrf_to_geodetic(
+        locate(campaign, C_EK_TRUE, image[seen], *pixel[seen].T, found[seen])
+    )
+    np.testing.assert_allclose(ridges(latitude, longitude), found[seen], atol=1e-6)
+    for k in seen:
+        down = np.arange(found[k] + 1e-3, 1700.0, 1.0)
+        before = np.broadcast_to(pixel[k, :, None], (2, down.size))
+        p_J = locate(campaign, C_EK_TRUE, np.full(down.size, image[k]), *before, down)
+        latitude, longitude, _ = itrf_to_geodetic(p_J)
+        assert not np.any(down - ridges(latitude, longitude) <= 0.0)
 
 
 def test_heights_that_a_coarse_look_misses_are_covered():

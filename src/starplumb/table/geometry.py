@@ -129,13 +129,20 @@ def locate(
     height: ArrayLike = 0.0,
 ) -> Array:
     """Ground points p_J (n, 3) of pixels of images (n,) at a height above the ellipsoid, m; NaN where a ray misses."""
+    e_J, station = looks(campaign, C_EK, image, column_px, row_px)
+    return ground_points(e_J, station.r_J, station.v_J, campaign.corrections, height)
+
+
+def looks(
+    campaign: Campaign, C_EK: Array, image: Index, column_px: ArrayLike, row_px: ArrayLike
+) -> tuple[Array, Stations]:
+    """Apparent directions e_J (n, 3) in which pixels of images (n,) look, and from where."""
     station = stations(campaign, image, row_px)
     xy_K, _ = campaign.camera.tan_from_px(column_px, row_px)
     s_K = np.concatenate([xy_K, np.ones((*xy_K.shape[:-1], 1))], axis=-1)
     C_JK = station.C_EJ.mT @ C_EK
     e_J = (C_JK @ s_K[..., None])[..., 0]
-    e_J = e_J / np.linalg.norm(e_J, axis=-1, keepdims=True)
-    return ground_points(e_J, station.r_J, station.v_J, campaign.corrections, height)
+    return e_J / np.linalg.norm(e_J, axis=-1, keepdims=True), station
 
 
 def ground_points(

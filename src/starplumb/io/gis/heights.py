@@ -31,6 +31,8 @@ Heights = Literal["ellipsoidal", "geoid"]
 
 _ON_A_GEOID = re.compile(r"\b(VERT_CS|VERTCRS|VERTICALCRS|COMPD_CS|COMPOUNDCRS)\b")
 _THREE_AXES = re.compile(r'AXIS\["[Ee]llipsoidal height')
+MOST_CELLS = 1 << 22
+"""Cells of a raster that are read at a time (32 MB)."""
 _EDGE = 1e-6
 """Rounding, in cells, by which a point may seem to lie beyond the last cell's centre."""
 
@@ -41,6 +43,7 @@ class Raster:
 
     path: Path
     dataset: DatasetReader = field(repr=False)
+    _last: list[tuple[tuple[int, int], Array]] = field(default_factory=list, repr=False, compare=False)
 
     @classmethod
     def open(cls, path: Path) -> Raster:
@@ -79,6 +82,20 @@ class Raster:
     def at(self, latitude: Array, longitude: Array) -> Array:
         """Values (n,) at places (n,) rad; NaN beyond the raster or where a cell around the place has no data."""
         column, row = self._cells(latitude, longitude)
+        return self._values(column, row)
+
+    def _values(self, column: Array, row: Array) -> Array:
+        """Values at fractional columns and rows (n,), of places far apart a part at a time."""
+        size = np.array([[self.dataset.width], [self.dataset.height]])
+        within = np.clip(np.nan_to_num(np.stack([column, row])), 0.0, size)
+        spans = np.ptp(within, axis=1) if column.size else np.zeros(2)
+        if np.prod(spans + 2.0) > MOST_CELLS:
+            axis = within[int(np.argmax(spans))]
+            first = axis <= 0.5 * (axis.min() + axis.max())
+            values = np.empty(column.shape)
+            for part in (first, ~first):
+                values[part] = self._values(column[part], row[part])
+            return values
         last = np.array([self.dataset.width - 1, self.dataset.height - 1])
         inside = (row >= -_EDGE) & (row <= last[1] + _EDGE)
         if not self._goes_round:
@@ -111,13 +128,26 @@ class Raster:
         return values
 
     def _window(self, left: int, top: int, right: int, bottom: int) -> Array:
-        """Cells from (left, top) to one beyond (right, bottom), where there is one; NaN for no data."""
+        """Cells from (left, top) to one beyond (right, bottom), where there is one; NaN for no data.
+
+        What was read last is kept: who looks for where a ray meets the ground looks there again.
+        """
         from rasterio.windows import Window
 
         width = min(right + 2, self.dataset.width) - left
         height = min(bottom + 2, self.dataset.height) - top
+        for (x, y), cells in self._last:
+            if (
+                x <= left
+                and y <= top
+                and left + width <= x + cells.shape[1]
+                and top + height <= y + cells.shape[0]
+            ):
+                return cells[top - y : top - y + height, left - x : left - x + width]
         band = self.dataset.read(1, window=Window(left, top, width, height), masked=True)
-        return np.asarray(np.ma.filled(band.astype(np.float64), np.nan), dtype=np.float64)
+        cells = np.asarray(np.ma.filled(band.astype(np.float64), np.nan), dtype=np.float64)
+        self._last[:] = [((left, top), cells)]
+        return cells
 
     def _cells(self, latitude: Array, longitude: Array) -> tuple[Array, Array]:
         """Fractional column and row (n,), 0 at the centre of the first cell."""
