@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
-from problems import C_EK_TRUE, FRAME, SIGMAS, truth
+from problems import C_EK_TRUE, FRAME, truth
 from starplumb.io.campaign.write import write_campaign
 from starplumb.physics import so3
 from starplumb.physics.series import Ephemeris
 from starplumb.physics.units import ARCSEC
 from starplumb.plan import scene
-from starplumb.table.campaign import Campaign
+from starplumb.table.campaign import Campaign, some_of
 from starplumb.table.geometry import observe
 from starplumb.table.simulate import Errors
 
@@ -39,7 +39,7 @@ def part(campaign: Campaign, chosen: list[int], name: str) -> Campaign:
     """Some images of a campaign with their sightings."""
     s, images = campaign.sightings, campaign.images
     kept = np.isin(s.image, chosen)
-    sightings = replace(s, **{key: getattr(s, key)[kept] for key in vars(s)})
+    sightings = some_of(s, kept)
     sightings = replace(sightings, image=np.searchsorted(chosen, sightings.image))
     few = replace(images, ids=tuple(images.ids[i] for i in chosen), t_ns=images.t_ns[chosen])
     return replace(campaign, name=name, images=few, sightings=sightings)
@@ -73,6 +73,3 @@ def mission(
         named = replace(found, name=f"day {day:g}")
         paths.append(write_campaign(folder / f"c{k}", named, tracker="star_tracker"))
     return paths
-
-
-__all__ = ["SIGMAS", "later", "mission", "part", "whole"]
