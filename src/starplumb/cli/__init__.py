@@ -9,9 +9,16 @@ def main() -> None:
     """Run the command; a user's mistake ends in one line on standard error and the exit status of the interface."""
     from ..physics.errors import AlignmentFailed, InputError
     from .app import app
+    from .usage import UsageError, sentence
 
     try:
-        app(prog_name="starplumb")
+        sys.exit(app(prog_name="starplumb", standalone_mode=False))
+    except UsageError as error:
+        if said := sentence(error):
+            print(f"starplumb: {said}", file=sys.stderr)
+        else:
+            error.show()  # type: ignore[attr-defined]
+        sys.exit(2)
     except InputError as error:
         _complain(error)
         sys.exit(2)

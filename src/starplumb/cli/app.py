@@ -22,6 +22,7 @@ from .predict import predict
 from .project import project
 from .reproduce import reproduce
 from .simulate import simulate
+from .usage import WithNumbers
 
 app = typer.Typer(
     help="In-flight alignment of an Earth-observation camera with its star tracker.",
@@ -51,7 +52,9 @@ for command in (
     *(init, import_, check, calibrate, compare, diagnose, locate, project, predict, points),
     *(simulate, budget, reproduce, schema),
 ):
-    # a negative number is no option
-    numbers = {"ignore_unknown_options": True} if command is project else None
-    app.command(command.__name__.rstrip("_"), context_settings=numbers)(command)
+    app.command(
+        command.__name__.rstrip("_"),
+        cls=WithNumbers,
+        short_help=" ".join((command.__doc__ or "").partition("\n\n")[0].split()),
+    )(command)
 app.add_typer(archive, name="archive")

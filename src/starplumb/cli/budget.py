@@ -7,27 +7,26 @@ from typing import Annotated
 
 import typer
 
+from .options.common import MethodsOption, ScenarioArgument
 from .output import Json, Output, Quiet, Verbose
 
 
 def budget(
-    scenario: Annotated[
-        str, typer.Argument(help="A SCENARIO.toml, or the name of a shipped scenario.", metavar="SCENARIO")
-    ],
+    scenario: ScenarioArgument,
     target: Annotated[
         float | None,
         typer.Option(
             "--target",
             "-t",
+            metavar="ARCSEC",
             min=1e-6,
             help="Required sigma about each axis, arcsec; prints which error must shrink, and to what.",
         ),
     ] = None,
-    methods: Annotated[
-        str, typer.Option("--methods", "-m", help="Estimators, with commas between them.")
-    ] = "gls",
+    methods: MethodsOption = "gls",
     out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="Folder for budget.json and report.html.")
+        Path | None,
+        typer.Option("--out", "-o", metavar="DIR", help="Folder for budget.json and report.html."),
     ] = None,
     json: Json = False,
     quiet: Quiet = False,

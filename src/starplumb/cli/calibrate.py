@@ -7,17 +7,21 @@ from typing import Annotated
 
 import typer
 
+from .options.common import CampaignArgument, StartOption
+from .options.complete import methods, parameters
 from .options.outside import Choice, OutsideOption
 from .output import Json, Output, Quiet, Verbose
 
 
 def calibrate(
-    campaign: Annotated[Path, typer.Argument(help="The campaign.toml.", metavar="CAMPAIGN.toml")],
+    campaign: CampaignArgument,
     method: Annotated[
         str,
         typer.Option(
             "--method",
             "-m",
+            metavar="NAME",
+            autocompletion=methods,
             help="Estimator; `starplumb compare` shows all. default is gls, without what is wrong where its tests "
             "object; gls leaves nothing out.",
         ),
@@ -34,18 +38,17 @@ def calibrate(
             "--estimate",
             "-e",
             metavar="NAME[=SIGMA],...",
+            autocompletion=parameters,
             help="What else to estimate, free or with its sigma known beforehand and unit: focal_length, "
             "principal_point, distortion, look_angles, time_offset, time_offset_attitude, time_offset_orbit, trackers.",
         ),
     ] = None,
-    start: Annotated[
-        str,
-        typer.Option(
-            help="Where sequential, observer and the linear methods start: closed-form, or model, as published."
-        ),
-    ] = "closed-form",
+    start: StartOption = "closed-form",
     reach_deg: Annotated[
-        float, typer.Option(help="With [detections]: the largest error the model mounting may have.")
+        float,
+        typer.Option(
+            metavar="DEGREES", help="With [detections]: the largest error the model mounting may have."
+        ),
     ] = 2.0,
     prior: Annotated[
         Path | None,
@@ -65,7 +68,12 @@ def calibrate(
     ] = "none",
     out: Annotated[
         Path | None,
-        typer.Option("--out", "-o", help="Folder of the results [default: `result` beside the campaign]."),
+        typer.Option(
+            "--out",
+            "-o",
+            metavar="DIR",
+            help="Folder of the results [default: `result` beside the campaign].",
+        ),
     ] = None,
     report: Annotated[bool, typer.Option(help="Write report.html, which takes two seconds.")] = True,
     gpkg: Annotated[bool, typer.Option("--gpkg", help="Write residuals.gpkg for QGIS too.")] = False,

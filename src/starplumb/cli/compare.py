@@ -7,21 +7,17 @@ from typing import Annotated
 
 import typer
 
+from .options.common import CampaignArgument, StartOption
 from .options.outside import Choice, OutsideOption
 from .output import Json, Output, Quiet, Verbose
 
 
 def compare(
-    campaign: Annotated[Path, typer.Argument(help="The campaign.toml.", metavar="CAMPAIGN.toml")],
+    campaign: CampaignArgument,
     out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="Folder that receives compare.json.")
+        Path | None, typer.Option("--out", "-o", metavar="DIR", help="Folder that receives compare.json.")
     ] = None,
-    start: Annotated[
-        str,
-        typer.Option(
-            help="Where sequential, observer and the linear methods start: closed-form, or model, as published."
-        ),
-    ] = "closed-form",
+    start: StartOption = "closed-form",
     outside: OutsideOption = Choice.REFUSE,
     json: Json = False,
     quiet: Quiet = False,

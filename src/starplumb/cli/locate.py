@@ -7,40 +7,60 @@ from typing import Annotated
 
 import typer
 
+from .options.common import CampaignArgument
 from .options.ground import Dem, Geoid, HeightsOption, ResultOption
 from .options.outside import Choice, OutsideOption
 from .output import Json, Output, Quiet, Verbose
 
+BYTES_PER_PIXEL = 3 * 8
+ASKED_ABOVE = 1e9
+"""Bytes of a grid that nobody writes by mistake."""
+
 
 def locate(
-    campaign: Annotated[Path, typer.Argument(help="The campaign.toml.", metavar="CAMPAIGN.toml")],
-    image: Annotated[str, typer.Option("--image", "-i", help="The image's id.")],
+    campaign: CampaignArgument,
+    image: Annotated[str, typer.Option("--image", "-i", metavar="ID", help="The image's id.")],
     column: Annotated[
         float | None, typer.Argument(metavar="COLUMN", help="Column, in the campaign's pixel origin.")
     ] = None,
     row: Annotated[float | None, typer.Argument(metavar="ROW", help="Row, in the same.")] = None,
     result: ResultOption = None,
     height_m: Annotated[
-        float | None, typer.Option("--height-m", help="Ground height above the ellipsoid [default: 0].")
+        float | None,
+        typer.Option("--height-m", metavar="METRES", help="Ground height above the ellipsoid [default: 0]."),
     ] = None,
     dem: Dem = None,
     heights: HeightsOption = None,
     geoid: Geoid = None,
-    sigma_height_m: Annotated[float, typer.Option("--sigma-height-m", min=0.0, help="Its sigma.")] = 0.0,
+    sigma_height_m: Annotated[
+        float, typer.Option("--sigma-height-m", metavar="METRES", min=0.0, help="Its sigma.")
+    ] = 0.0,
     sigma_px: Annotated[
-        float, typer.Option("--sigma-px", min=0.0, help="Sigma of the pixel's coordinates.")
+        float, typer.Option("--sigma-px", metavar="PIXELS", min=0.0, help="Sigma of the pixel's coordinates.")
     ] = 0.0,
     grid: Annotated[
         Path | None,
-        typer.Option("--grid", help="Instead of one pixel the whole image, into this .tif or .npy file."),
+        typer.Option(
+            "--grid",
+            metavar="FILE",
+            help="Instead of one pixel the whole image, into this .tif or .npy file.",
+        ),
     ] = None,
     every: Annotated[
-        int, typer.Option("--every", min=1, help="With --grid: pixels from one to the next.")
+        int, typer.Option("--every", metavar="COUNT", min=1, help="With --grid: pixels from one to the next.")
     ] = 1,
     rows: Annotated[
         int | None,
-        typer.Option("--rows", min=1, help="With --grid: how many rows, for a camera that does not say."),
+        typer.Option(
+            "--rows",
+            metavar="COUNT",
+            min=1,
+            help="With --grid: how many rows, for a camera that does not say.",
+        ),
     ] = None,
+    yes: Annotated[
+        bool, typer.Option("--yes", "-y", help="Write a grid of more than 1 GB without asking.")
+    ] = False,
     outside: OutsideOption = Choice.REFUSE,
     json: Json = False,
     quiet: Quiet = False,
@@ -66,7 +86,7 @@ def locate(
     """
     from ..physics.errors import InputError
     from ..session.campaign import read_campaign
-    from ..session.ground.location import place, view_of, write_grid
+    from ..session.ground.location import grid_shape, place, view_of, write_grid
 
     pixel = None if column is None or row is None else (column, row)
     if (pixel is None) == (grid is None):
@@ -79,6 +99,7 @@ def locate(
     found = read_campaign(campaign, outside.value)
     view = view_of(found, result, image, height_m, dem, None if heights is None else heights.value, geoid)
     if grid is not None:
+        _agreed(speak, grid, grid_shape(view, grid, every, rows), yes)
         written = write_grid(
             view, grid, every, rows, lambda blocks, total: speak.watched(blocks, "Locating", total)
         )
@@ -91,3 +112,19 @@ def locate(
         speak.document(where.document)
         speak.show(*where.answer)
         speak.detail(*where.details)
+
+
+def _agreed(speak: Output, grid: Path, shape: tuple[int, int], yes: bool) -> None:
+    """Say how large the grid is; above 1 GB ask on a terminal.  Raises InputError where the answer is not yes."""
+    import sys
+
+    from ..physics.errors import InputError
+
+    size = shape[0] * shape[1] * BYTES_PER_PIXEL
+    said = f"{shape[0]} x {shape[1]} pixels, {size / 1e9:.3g} GB"
+    if size <= ASKED_ABOVE or yes:
+        speak.notices([f"{grid}: {said}"])
+    elif not (sys.stdin.isatty() and typer.confirm(f"{grid}: {said}; write it?", err=True)):
+        raise InputError(
+            f"{grid}: found a grid of {said}, wanted --yes for more than 1 GB, or fewer pixels (--every)"
+        )

@@ -11,6 +11,7 @@ from typing import Annotated, Any
 
 import typer
 
+from .options.common import CampaignArgument
 from .options.ground import Dem, Geoid, HeightsOption, ResultOption
 from .options.outside import Choice, OutsideOption
 from .output import Json, Output, Quiet, Verbose
@@ -19,7 +20,7 @@ STANDARD_INPUT = "-"
 
 
 def project(
-    campaign: Annotated[Path, typer.Argument(help="The campaign.toml.", metavar="CAMPAIGN.toml")],
+    campaign: CampaignArgument,
     where: Annotated[
         list[str] | None,
         typer.Argument(
@@ -29,26 +30,39 @@ def project(
         ),
     ] = None,
     image: Annotated[
-        str | None, typer.Option("--image", "-i", help="One image only [default: all that see a place].")
+        str | None,
+        typer.Option("--image", "-i", metavar="ID", help="One image only [default: all that see a place]."),
     ] = None,
     itrf: Annotated[bool, typer.Option("--itrf", help="The three numbers are x, y, z in ITRF, m.")] = False,
     result: ResultOption = None,
     height_m: Annotated[
         float | None,
-        typer.Option("--height-m", help="Height above the ellipsoid of places that have none of their own."),
+        typer.Option(
+            "--height-m",
+            metavar="METRES",
+            help="Height above the ellipsoid of places that have none of their own.",
+        ),
     ] = None,
     dem: Dem = None,
     heights: HeightsOption = None,
     geoid: Geoid = None,
     sigma_m: Annotated[
-        float, typer.Option("--sigma-m", min=0.0, help="Sigma of places, east and north, that state none.")
+        float,
+        typer.Option(
+            "--sigma-m", metavar="METRES", min=0.0, help="Sigma of places, east and north, that state none."
+        ),
     ] = 0.0,
     sigma_height_m: Annotated[
-        float, typer.Option("--sigma-height-m", min=0.0, help="Sigma of the heights of such places.")
+        float,
+        typer.Option(
+            "--sigma-height-m", metavar="METRES", min=0.0, help="Sigma of the heights of such places."
+        ),
     ] = 0.0,
     out: Annotated[
         Path | None,
-        typer.Option("--out", "-o", help="Folder that receives pixels.csv, in place of standard output."),
+        typer.Option(
+            "--out", "-o", metavar="DIR", help="Folder that receives pixels.csv, in place of standard output."
+        ),
     ] = None,
     outside: OutsideOption = Choice.REFUSE,
     json: Json = False,
@@ -111,8 +125,6 @@ def _places(where: list[str], itrf: bool) -> Iterator[dict[str, Any]]:
     """The argument of the places asked for; standard input lies in a file meanwhile, which messages do not name."""
     from ..physics.errors import InputError
 
-    if option := next((text for text in where if text.startswith("--")), None):
-        raise InputError(f"{option}: found an option that project does not have, wanted one of --help")
     if len(where) != 1:
         yield _numbers(where, itrf)
         return

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from .options.complete import tables
 from .output import Json, Output, Quiet, Verbose
 
 if TYPE_CHECKING:
@@ -18,14 +19,21 @@ def reproduce(
     names: Annotated[
         list[str] | None,
         typer.Argument(
-            metavar="[NAME]...",
+            metavar="NAME",
+            autocompletion=tables,
             help="Tables: table1, table2, table3, table4 (paper of 2019), sensitivity, totals, algorithm1, "
             "images-sigma, images-max (slides of 2012); all of them when none is named.",
         ),
     ] = None,
-    trials: Annotated[int, typer.Option(help="Simulated runs of each table.")] = 10_000,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of all draws.")] = 2019,
-    out: Annotated[Path | None, typer.Option(help="Folder for reproduce.json.")] = None,
+    trials: Annotated[
+        int, typer.Option("--trials", "-n", metavar="COUNT", help="Simulated runs of each table.")
+    ] = 10_000,
+    seed: Annotated[
+        int, typer.Option("--seed", "-s", metavar="NUMBER", min=0, help="Seed of all draws.")
+    ] = 2019,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", metavar="DIR", help="Folder for reproduce.json.")
+    ] = None,
     json: Json = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -51,7 +59,7 @@ def reproduce(
     tables = []
     for table in output.watched(recompute(wanted, trials, seed), "Recomputing", len(wanted)):
         tables.append(table)
-        output.show(_rendered(table), *_remarks(table), "")
+        output.show(_rendered(table), *_remarks(table, trials), "")
     counts = verdicts(tables)
     output.show("Rows: " + ", ".join(f"{counts[verdict]} {verdict}" for verdict in counts))
     result = document(tables, trials, seed)
@@ -91,9 +99,14 @@ def _figure(value: float) -> str:
     return f"{value:.3g}" if abs(value) < 1000.0 else f"{value:.4g}"
 
 
-def _remarks(comparison: Comparison) -> list[str]:
+def _remarks(comparison: Comparison, asked: int) -> list[str]:
     """Source, runs, notes, and the reason of every row that does not agree."""
-    lines = [f"{comparison.source}", f"{comparison.runs} runs of ours."]
+    less = (
+        ""
+        if comparison.runs == asked
+        else f" of the {asked} asked for: its figures stem from whole series of runs"
+    )
+    lines = [f"{comparison.source}", f"{comparison.runs} runs of ours{less}."]
     lines += comparison.notes
     reasons: dict[str, list[str]] = {}
     for row in comparison.rows:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from .options.common import MethodsOption, ScenarioArgument
 from .output import Json, Output, Quiet, Verbose
 
 if TYPE_CHECKING:
@@ -17,40 +18,47 @@ if TYPE_CHECKING:
 
 
 def simulate(
-    scenario: Annotated[
-        str, typer.Argument(help="A SCENARIO.toml, or the name of a shipped scenario.", metavar="SCENARIO")
-    ],
-    trials: Annotated[int | None, typer.Option("--trials", "-n", min=2, help="Number of trials.")] = None,
+    scenario: ScenarioArgument,
+    trials: Annotated[
+        int | None, typer.Option("--trials", "-n", metavar="COUNT", min=2, help="Number of trials.")
+    ] = None,
     precision: Annotated[
         float | None,
         typer.Option(
             "--precision",
+            metavar="PART",
             min=1e-4,
             max=0.5,
             help="Choose the trials so that each sigma is known to this part of itself (3 standard errors) "
             "[default: 0.01, which is 45000 trials].",
         ),
     ] = None,
-    seed: Annotated[int, typer.Option("--seed", "-s", min=0, help="Seed of the draws.")] = 1,
+    seed: Annotated[
+        int, typer.Option("--seed", "-s", metavar="NUMBER", min=0, help="Seed of the draws.")
+    ] = 1,
     out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="Folder of the results; also resumes there.")
+        Path | None,
+        typer.Option("--out", "-o", metavar="DIR", help="Folder of the results; also resumes there."),
     ] = None,
-    methods: Annotated[
-        str, typer.Option("--methods", "-m", help="Estimators, with commas between them.")
-    ] = "gls,wahba",
+    methods: MethodsOption = "gls,wahba",
     workers: Annotated[
         int | None,
-        typer.Option("--workers", "-w", min=1, help="Worker processes [default: one per processor]."),
+        typer.Option(
+            "--workers", "-w", metavar="COUNT", min=1, help="Worker processes [default: one per processor]."
+        ),
     ] = None,
     scheduler: Annotated[
         str | None,
-        typer.Option("--scheduler", help="Address of a Dask scheduler that runs the chunks instead."),
+        typer.Option(
+            "--scheduler", metavar="ADDRESS", help="Address of a Dask scheduler that runs the chunks instead."
+        ),
     ] = None,
     chunk: Annotated[
-        int, typer.Option("--chunk", min=1, help="Trials of a chunk; the draws depend on it.")
+        int,
+        typer.Option("--chunk", metavar="COUNT", min=1, help="Trials of a chunk; the draws depend on it."),
     ] = 4096,
     samples: Annotated[
-        str, typer.Option("--samples", help="Every trial as a table: auto, parquet or none.")
+        str, typer.Option("--samples", metavar="auto|parquet|none", help="Every trial as a table.")
     ] = "auto",
     json: Json = False,
     quiet: Quiet = False,
@@ -91,7 +99,12 @@ def simulate(
         watched=watched,
     )
     speak.document(study.document)
-    speak.shown(study.summary(), *([] if out is None else [f"written: {out}"]))
+    speak.shown(
+        study.summary(),
+        "nothing written (--out DIR writes report, samples and figures)"
+        if out is None
+        else f"written: {out}",
+    )
     _refuse_failures(study.document)
 
 

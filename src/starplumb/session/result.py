@@ -318,7 +318,7 @@ def _table(c: Calibration, C_EK_true: Array | None) -> Table:
     if C_EK_true is not None and not lost:
         error = so3.log(c.estimate.C_EK @ C_EK_true.mT)
         rows.append(("known truth", *_fixed(so3.log(C_EK_true @ c.campaign.C_EK.mT) / ARCSEC)))
-        rows.append(("error", *_fixed(error / ARCSEC)))
+        rows.append(("error (rotation)", *_fixed(error / ARCSEC)))
         if sigma is not None:
             rows.append(("error / sigma", *_fixed(error / sigma, 2)))
     return Table(f"Alignment of {c.campaign.name}", ("arcsec about", "x", "y", "z"), rows)

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Annotated
-
-import typer
-
+from ..options.common import CampaignArgument
 from ..options.outside import Choice, OutsideOption
 from ..output import Json, Output, Quiet, Verbose, drawn
 
 
 def check(
-    campaign: Annotated[Path, typer.Argument(help="The campaign.toml.", metavar="CAMPAIGN.toml")],
+    campaign: CampaignArgument,
     outside: OutsideOption = Choice.REFUSE,
     json: Json = False,
     quiet: Quiet = False,

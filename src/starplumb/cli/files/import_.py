@@ -43,16 +43,19 @@ def import_(
         typer.Option("--attitude", help="The vendor's own, or the star tracker's quaternions (DIMAP)."),
     ] = Source.VENDOR,
     sigma_m: Annotated[
-        str | None, typer.Option("--sigma-m", help=f"Sigma of the position: {_SIGMA}.")
+        str | None, typer.Option("--sigma-m", metavar="METRES", help=f"Sigma of the position: {_SIGMA}.")
     ] = None,
     sigma_arcsec: Annotated[
-        str | None, typer.Option("--sigma-arcsec", help=f"Sigma of the attitude about x, y, z: {_SIGMA}.")
+        str | None,
+        typer.Option(
+            "--sigma-arcsec", metavar="ARCSEC", help=f"Sigma of the attitude about x, y, z: {_SIGMA}."
+        ),
     ] = None,
     landmarks: Annotated[
-        Path | None, typer.Option(help="Your landmarks table; needs --observations.")
+        Path | None, typer.Option(metavar="FILE", help="Your landmarks table; needs --observations.")
     ] = None,
     observations: Annotated[
-        Path | None, typer.Option(help="Your observations table; needs --landmarks.")
+        Path | None, typer.Option(metavar="FILE", help="Your observations table; needs --landmarks.")
     ] = None,
     corners: Annotated[
         str | None,
@@ -60,15 +63,23 @@ def import_(
             "--corners", help="Take the product's corners as landmarks: SIGMA_M,SIGMA_PX.", metavar="M,PX"
         ),
     ] = None,
-    band: Annotated[str | None, typer.Option("--band", help="Band, where the product has several.")] = None,
+    band: Annotated[
+        str | None, typer.Option("--band", metavar="NAME", help="Band, where the product has several.")
+    ] = None,
     image_id: Annotated[
         str | None,
-        typer.Option("--image-id", help="Names of the images, with commas between [default: the products']."),
+        typer.Option(
+            "--image-id",
+            metavar="ID,...",
+            help="Names of the images, with commas between [default: the products'].",
+        ),
     ] = None,
     principal_distance_mm: Annotated[
-        float | None, typer.Option(help="DigitalGlobe without .GEO: principal distance.")
+        float | None, typer.Option(metavar="MM", help="DigitalGlobe without .GEO: principal distance.")
     ] = None,
-    detector_pitch_mm: Annotated[float | None, typer.Option(help="The same: pitch of the detectors.")] = None,
+    detector_pitch_mm: Annotated[
+        float | None, typer.Option(metavar="MM", help="The same: pitch of the detectors.")
+    ] = None,
     detector_origin_mm: Annotated[
         str | None,
         typer.Option(help="The same: x,y of the first detector in the camera's axes.", metavar="X,Y"),

@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from ..options.complete import scenarios
 from ..output import Json, Output, Quiet, Verbose
 
 
@@ -21,14 +22,23 @@ class Kind(StrEnum):
 def init(
     folder: Annotated[Path, typer.Argument(help="Folder to make; it must be new or empty.", metavar="DIR")],
     camera: Annotated[Kind, typer.Option("--camera", help="Camera of the example.")] = Kind.FRAME,
-    images: Annotated[int, typer.Option("--images", min=1, max=40, help="Number of images.")] = 8,
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the simulated errors.")] = 1,
+    images: Annotated[
+        int, typer.Option("--images", "-n", metavar="COUNT", min=1, max=40, help="Number of images.")
+    ] = 8,
+    seed: Annotated[
+        int, typer.Option("--seed", "-s", metavar="NUMBER", min=0, help="Seed of the simulated errors.")
+    ] = 1,
     template: Annotated[
         bool, typer.Option("--template", help="A campaign without data, with every key explained.")
     ] = False,
     scenario: Annotated[
         str | None,
-        typer.Option("--scenario", help="A copy of a shipped scenario to edit, by its name.", metavar="NAME"),
+        typer.Option(
+            "--scenario",
+            help="A copy of a shipped scenario to edit, by its name.",
+            metavar="NAME",
+            autocompletion=scenarios,
+        ),
     ] = None,
     json: Json = False,
     quiet: Quiet = False,

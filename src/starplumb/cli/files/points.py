@@ -19,19 +19,28 @@ def points(
             metavar="FILE...",
         ),
     ],
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for landmarks.csv and observations.csv.")],
+    out: Annotated[
+        Path,
+        typer.Option("--out", "-o", metavar="DIR", help="Folder for landmarks.csv and observations.csv."),
+    ],
     sigma_m: Annotated[
         str | None,
-        typer.Option("--sigma-m", help="Sigma of the places where the file has none: one, or east,north,up."),
+        typer.Option(
+            "--sigma-m",
+            metavar="METRES",
+            help="Sigma of the places where the file has none: one, or east,north,up.",
+        ),
     ] = None,
     sigma_px: Annotated[
-        float | None, typer.Option("--sigma-px", help="Sigma of the pixels where the file has none.")
+        float | None,
+        typer.Option("--sigma-px", metavar="PIXELS", help="Sigma of the pixels where the file has none."),
     ] = None,
     dem: Dem = None,
     heights: HeightsOption = None,
     geoid: Geoid = None,
     crs: Annotated[
-        str | None, typer.Option("--crs", help="Reference system of a file that does not state it.")
+        str | None,
+        typer.Option("--crs", metavar="CRS", help="Reference system of a file that does not state it."),
     ] = None,
     json: Json = False,
     quiet: Quiet = False,

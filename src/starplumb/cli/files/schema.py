@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from ..options.complete import documents
 from ..output import Json, Output, Quiet, Verbose
 
 
@@ -13,7 +14,9 @@ def schema(
     name: Annotated[
         str | None,
         typer.Argument(
-            metavar="NAME", help="campaign, scenario, result, ...; left out, the names of all documents."
+            metavar="NAME",
+            autocompletion=documents,
+            help="campaign, scenario, result, ...; left out, the names of all documents.",
         ),
     ] = None,
     json: Json = False,

@@ -23,16 +23,19 @@ HeightsOption = Annotated[
     ),
 ]
 Dem = Annotated[
-    Path | None, typer.Option("--dem", help="Raster of ground heights, its kind stated by --heights.")
+    Path | None,
+    typer.Option("--dem", metavar="FILE", help="Raster of ground heights, its kind stated by --heights."),
 ]
 Geoid = Annotated[
-    Path | None, typer.Option("--geoid", help="Raster of the geoid's heights above the ellipsoid.")
+    Path | None,
+    typer.Option("--geoid", metavar="FILE", help="Raster of the geoid's heights above the ellipsoid."),
 ]
 ResultOption = Annotated[
     Path | None,
     typer.Option(
         "--result",
         "-r",
+        metavar="RESULT.json|model",
         help="result.json to take the mounting from, or `model` [default: result/result.json beside the campaign, "
         "else the model].",
     ),

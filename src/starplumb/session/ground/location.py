@@ -259,6 +259,20 @@ class Grid(Shown):
         return (*self.answer, *(f"note: {notice}" for notice in self.notices))
 
 
+def grid_shape(view: View, path: str | Path, every: int = 1, rows: int | None = None) -> tuple[int, int]:
+    """Rows and columns that ``write_grid`` will write.  Raises InputError for what it would refuse at once."""
+    from ...io.gis.geolocation import require_ending
+
+    require_ending(Path(path))
+    row_px, column_px = _grid_pixels(view, every, rows)
+    return row_px.size, column_px.size
+
+
+def _grid_pixels(view: View, every: int, rows: int | None) -> tuple[Array, Array]:
+    columns = view.campaign.loaded.campaign.camera.size_px[0]
+    return np.arange(0.0, _row_count(view.campaign, rows), every), np.arange(0.0, columns, every)
+
+
 def write_grid(
     view: View,
     path: str | Path,
@@ -276,9 +290,7 @@ def write_grid(
     path = Path(path)
     require_ending(path)
     loaded, C_EK = view.campaign.loaded, view.mounting.C_EK
-    columns = loaded.campaign.camera.size_px[0]
-    row_px = np.arange(0.0, _row_count(view.campaign, rows), every)
-    column_px = np.arange(0.0, columns, every)
+    row_px, column_px = _grid_pixels(view, every, rows)
     seen = _covered_rows(view, row_px)
     below: Any = view.height_m
     if view.surface is not None:

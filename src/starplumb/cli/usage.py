@@ -1,0 +1,76 @@
+"""What is wrong with a command line, in one line; and negative numbers among the arguments."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import typer
+from typer.core import TyperCommand
+
+UsageError: type[Exception] = typer.BadParameter.__mro__[1]
+"""Every mistake in a command line: a class that typer has but does not name; its ``ctx`` says in which command."""
+NUMBER = re.compile(r"-\.?\d")
+
+
+class WithNumbers(TyperCommand):
+    """A command among whose arguments ``-10`` is a number; what else begins with a dash is an option it must have."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Take numbers as arguments.  Raises UsageError for an option that the command does not have."""
+        if unknown := _unknown(args, self.get_params(ctx)):
+            ctx.fail(f"No such option: {unknown}")
+        ctx.ignore_unknown_options = True
+        rest: list[str] = super().parse_args(ctx, args)
+        return rest
+
+
+def _unknown(args: list[str], parameters: list[Any]) -> str | None:
+    """The first option among the arguments that no parameter has."""
+    needs_value = {name: not p.is_flag for p in parameters for name in _names(p)}
+    is_value = False
+    for text in args:
+        if is_value:
+            is_value = False
+        elif text == "--":
+            break
+        elif (name := text.partition("=")[0]) in needs_value:
+            is_value = needs_value[name] and "=" not in text
+        elif text.startswith("--") or (
+            text[:1] == "-" and len(text) > 1 and text[:2] not in needs_value and not NUMBER.match(text)
+        ):
+            return name
+    return None
+
+
+def _names(parameter: Any) -> list[str]:
+    return [*parameter.opts, *parameter.secondary_opts] if parameter.param_type_name == "option" else []
+
+
+def sentence(error: Exception) -> str | None:
+    """What was found and what is wanted: the option or command most likely meant; None where typer shows its help."""
+    ctx: Any = getattr(error, "ctx", None)
+    if type(error).__name__ == "NoArgsIsHelpError":
+        return None
+    message = " ".join(error.format_message().split()).rstrip(".")  # type: ignore[attr-defined]
+    message = re.sub(r"'(-[^' ]*|[A-Z.a-z]+\.toml)'", r"\1", message)
+    for pattern, said in (
+        (r"No such (option|command):? '?([^\s']+)", _unheard_of),
+        (r"Missing (?:option|argument) (.*)", lambda found, _ctx: f"found no {found[1]}, wanted one"),
+        (r"Invalid value for (.*)", lambda found, _ctx: found[1]),
+    ):
+        if found := re.match(pattern, message):
+            message = said(found, ctx)
+    if ctx is None:
+        return message
+    command = ctx.command_path.partition(" ")[2]
+    return f"{command}: {message} ({ctx.command_path} --help says more)".removeprefix(": ")
+
+
+def _unheard_of(found: re.Match[str], ctx: Any) -> str:
+    from ..io.text.files import nearest
+
+    kind, name = found[1], found[2].rstrip(".")
+    options = [name for p in ctx.command.get_params(ctx) for name in _names(p) if name.startswith("--")]
+    near = nearest(name, options if kind == "option" else ctx.command.commands)
+    return f"found the {kind} {name}, which there is not" + (f", wanted perhaps {near}" if near else "")

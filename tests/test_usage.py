@@ -1,0 +1,116 @@
+"""Mistakes in a command line, what the shell completes, and what commands say about their own work."""
+
+from __future__ import annotations
+
+import json
+import re
+
+import pytest
+from tests.command import Spoken, demo, starplumb
+from typer.main import get_command
+
+from starplumb.cli.app import app
+from starplumb.cli.options import complete
+from starplumb.estimators import METHODS
+
+COMMANDS = get_command(app).commands
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["calbrate"], "starplumb: found the command calbrate, which there is not, wanted perhaps calibrate"),
+        (
+            ["calibrate", "c.toml", "--estimat", "x"],
+            "calibrate: found the option --estimat, .* perhaps --estimate",
+        ),
+        (
+            ["locate", "c.toml", "--imge", "a", "1", "2"],
+            "locate: found the option --imge, .* perhaps --image",
+        ),
+        (["locate", "c.toml", "-z", "1", "2"], "locate: found the option -z, which there is not"),
+        (
+            ["project", "c.toml", "45", "-12", "--img=a"],
+            "project: found the option --img, .* perhaps --image",
+        ),
+        (["locate", "c.toml", "1", "2"], "locate: found no --image / -i, wanted one"),
+        (["locate"], "locate: found no CAMPAIGN.toml, wanted one"),
+        (["check", "a.toml", "b.toml"], r"check: .*\(b.toml\)"),
+        (["simulate", "two-images", "--trials", "1e18"], "simulate: --trials / -n: .*integer"),
+        (["calibrate", "c.toml", "--outside", "x"], "calibrate: --outside: .*refuse"),
+        (["init", "d", "--seed"], "--seed"),
+    ],
+)
+def test_a_mistake_is_one_line_with_what_was_meant(arguments, says):
+    spoken = starplumb(*arguments)
+    assert (spoken.status, spoken.out) == (2, "")
+    assert re.fullmatch(f"starplumb: .*{says.removeprefix('starplumb: ')}.*\n", spoken.err), spoken.err
+
+
+def test_without_a_command_the_help_is_shown():
+    spoken = starplumb()
+    assert spoken.status == 2
+    assert spoken.err.startswith("Usage: starplumb")
+
+
+def test_summaries_of_commands_are_not_cut():
+    spoken = starplumb("--help")
+    assert "..." not in spoken.out.partition("Commands:")[2]
+    assert "exit status 0" in " ".join(spoken.out.split())
+
+
+@pytest.mark.parametrize("command", sorted(COMMANDS))
+def test_options_say_what_they_take_and_have_the_same_short_names(command):
+    short = {"out": "-o", "trials": "-n", "seed": "-s", "images": "-n", "method": "-m", "methods": "-m"}
+    for option in COMMANDS[command].params:
+        long = option.opts[0].lstrip("-")
+        assert long not in short or short[long] in option.opts, f"{command} --{long}"
+    options = starplumb(command, "--help").out.partition("Options:")[2]
+    assert re.findall(r"<(?:str|int|float|path|list)\b.*?>", options, re.IGNORECASE) == []
+
+
+def test_a_negative_number_is_no_option(tmp_path):
+    path = demo(tmp_path / "demo", "--images", 1)
+    outside = starplumb("locate", path, "--image", "image01", -10, 5)
+    assert outside == Spoken(2, "", "starplumb: COLUMN: found -10, wanted -0.5 to 11999.5, the image\n")
+    inside = starplumb("locate", path, "--image", "image01", "-.25", 5, "--height-m", -10, "--json")
+    assert inside.status == 0
+    assert json.loads(inside.out)["column_px"] == -0.25
+
+
+def test_a_grid_tells_its_size_and_is_not_written_unasked_above_a_gigabyte(tmp_path):
+    path, grid = demo(tmp_path / "demo", "--images", 1), tmp_path / "g.npy"
+    refused = starplumb("locate", path, "--image", "image01", "--grid", grid)
+    assert refused.status == 2
+    # 12000 x 12000 pixels of three numbers of eight bytes
+    assert "12000 x 12000 pixels, 3.46 GB, wanted --yes" in refused.err
+    assert not grid.exists()
+    written = starplumb("locate", path, "--image", "image01", "--grid", grid, "--every", 4000)
+    assert written.status == 0
+    assert "3 x 3 pixels" in written.err
+    assert grid.exists()
+
+
+def test_the_shell_completes_names():
+    assert set(complete.methods("")) == set(METHODS)
+    assert complete.methods("gls,wa") == ["gls,wahba"]
+    assert complete.scenarios("two") == ["two-images"]
+    assert complete.parameters("focal_length,time_offset_a") == ["focal_length,time_offset_attitude"]
+    assert complete.tables("table") == ["table1", "table2", "table3", "table4"]
+    assert "campaign" in complete.documents("")
+
+
+@pytest.mark.slow
+def test_work_that_leaves_nothing_behind_says_so(tmp_path):
+    told = starplumb("simulate", "two-images", "-n", 20)
+    assert "nothing written (--out DIR" in told.out
+    kept = starplumb("simulate", "two-images", "-n", 20, "-o", tmp_path / "study")
+    assert f"written: {tmp_path / 'study'}" in kept.out
+    assert "nothing written" not in kept.out
+
+
+@pytest.mark.slow
+def test_tables_of_whole_series_say_how_many_runs_were_not_used():
+    told = starplumb("reproduce", "images-max", "-n", 300)
+    assert "250 runs of ours of the 300 asked for" in told.out
+    assert "300 runs of ours." in starplumb("reproduce", "table1", "-n", 300).out
