@@ -22,7 +22,7 @@ from .predict import predict
 from .project import project
 from .reproduce import reproduce
 from .simulate import simulate
-from .usage import WithNumbers
+from .usage import Verbs, WithNumbers
 
 app = typer.Typer(
     help="In-flight alignment of an Earth-observation camera with its star tracker.",
@@ -52,9 +52,5 @@ for command in (
     *(init, import_, check, calibrate, compare, diagnose, locate, project, predict, points),
     *(simulate, budget, reproduce, schema),
 ):
-    app.command(
-        command.__name__.rstrip("_"),
-        cls=WithNumbers,
-        short_help=" ".join((command.__doc__ or "").partition("\n\n")[0].split()),
-    )(command)
-app.add_typer(archive, name="archive")
+    app.command(command.__name__.rstrip("_"), cls=WithNumbers)(command)
+app.add_typer(archive, name="archive", cls=Verbs)

@@ -6,11 +6,23 @@ import re
 from typing import Any
 
 import typer
-from typer.core import TyperCommand
+from typer.core import TyperCommand, TyperGroup
 
 UsageError: type[Exception] = typer.BadParameter.__mro__[1]
 """Every mistake in a command line: a class that typer has but does not name; its ``ctx`` says in which command."""
 NUMBER = re.compile(r"-\.?\d")
+
+
+def _summary(docstring: str | None) -> str:
+    return " ".join((docstring or "").partition("\n\n")[0].split())
+
+
+class Verbs(TyperGroup):
+    """Commands under one name, whose summary is not cut."""
+
+    def get_short_help_str(self, limit: int = 45) -> str:
+        """The first paragraph of the help, however long."""
+        return _summary(self.help)
 
 
 class WithNumbers(TyperCommand):
@@ -23,6 +35,10 @@ class WithNumbers(TyperCommand):
         ctx.ignore_unknown_options = True
         rest: list[str] = super().parse_args(ctx, args)
         return rest
+
+    def get_short_help_str(self, limit: int = 45) -> str:
+        """The first paragraph of the help, however long."""
+        return _summary(self.help)
 
 
 def _unknown(args: list[str], parameters: list[Any]) -> str | None:

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from ..output import Json, Output, Quiet, Verbose, drawn
+from ..usage import WithNumbers
 
 archive = typer.Typer(
     help="The memory of a mission: campaigns, their joint solution, the mounting's trend, and what was issued.",
@@ -28,7 +29,7 @@ OfCamera = Annotated[
 ]
 
 
-@archive.command("init")
+@archive.command("init", cls=WithNumbers)
 def init(
     file: File,
     satellite: Annotated[
@@ -52,7 +53,7 @@ def init(
     speak.show(f"written: {file}")
 
 
-@archive.command("add")
+@archive.command("add", cls=WithNumbers)
 def add(
     file: File,
     what: Annotated[
@@ -93,7 +94,7 @@ def add(
         speak.show(f"{one['id'][:12]}  {one['name']}: {state}{lacking}")
 
 
-@archive.command("list")
+@archive.command("list", cls=WithNumbers)
 def list_(file: File, json: Json = False, quiet: Quiet = False, verbose: Verbose = False) -> None:
     """List all campaigns, withdrawn ones too; with --json a list, one entry per campaign.
 
@@ -109,7 +110,7 @@ def list_(file: File, json: Json = False, quiet: Quiet = False, verbose: Verbose
     speak.shown(found)
 
 
-@archive.command("show")
+@archive.command("show", cls=WithNumbers)
 def show(
     file: File,
     satellite: OfSatellite = None,
@@ -132,7 +133,7 @@ def show(
     speak.show(*map(drawn, found.tables), *found.sentences)
 
 
-@archive.command("withdraw")
+@archive.command("withdraw", cls=WithNumbers)
 def withdraw(
     file: File,
     campaign: Annotated[
@@ -159,7 +160,7 @@ def withdraw(
     speak.show(f"withdrawn: {done['id'][:12]} {done['name']}")
 
 
-@archive.command("merge")
+@archive.command("merge", cls=WithNumbers)
 def merge(
     file: File,
     other: Annotated[Path, typer.Argument(help="The archive whose campaigns are added.", metavar="OTHER.db")],
@@ -182,7 +183,7 @@ def merge(
     speak.show(f"new in {file}: {new}")
 
 
-@archive.command("verify")
+@archive.command("verify", cls=WithNumbers)
 def verify(file: File, json: Json = False, quiet: Quiet = False, verbose: Verbose = False) -> None:
     """Look whether the database is whole, every campaign is what its id says, and its files are kept.
 
