@@ -25,6 +25,7 @@ MODULES = {
 FOLDERS = (
     *(
         "physics",
+        "disk",
         "table",
         "solve",
         "estimators",

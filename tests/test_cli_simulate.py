@@ -30,11 +30,13 @@ def call(*arguments):
 def test_json_is_a_document_and_the_summary_beside_it_the_same(tmp_path):
     printed = call(*SIMULATE, "--trials", "300", "--samples", "none", "--json", "--out", str(tmp_path))
     document = json.loads(printed)
-    assert document == json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))
+    written = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))
+    assert set(written.pop("files")) == {path.name for path in tmp_path.glob("*.[hs][tv]*")}
+    assert document == written
     assert document["schema"] == "starplumb-simulation/1"
     assert document["trials"] == 300
     assert document["methods"]["gls"]["axes"]["z"]["sigma_arcsec"]["value"] == pytest.approx(40.6, rel=0.15)
-    assert not list(tmp_path.glob("*.part"))
+    assert not list(tmp_path.rglob(".*"))
 
 
 def test_table_and_verdict_are_printed_for_a_person():

@@ -229,7 +229,9 @@ def test_a_scenario_is_budgeted_and_simulated(tmp_path):
     rms = study.summary().frame.to_dict()["rms_arcsec"]
     assert np.all(np.abs(np.array(rms) / sigma - 1.0) < 5.0 / np.sqrt(2 * 300))
     study.save(tmp_path)
-    assert json.loads((tmp_path / "summary.json").read_text(encoding="utf-8")) == study.document
+    written = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))
+    assert {"report.html", "histogram-gls.svg"} < set(written.pop("files"))
+    assert written == study.document
     assert (tmp_path / "histogram-gls.svg").read_text(encoding="utf-8").count("<svg") == 1
 
 

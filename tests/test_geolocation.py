@@ -359,4 +359,4 @@ def test_a_folder_in_the_way_is_said(written, tmp_path):
         ],
     )
     assert isinstance(told.exception, InputError)
-    assert "ground.npy: found no way to write it" in str(told.exception)
+    assert "ground.npy: found something there that this command has not written" in str(told.exception)

@@ -15,11 +15,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from starplumb.disk.publish import publish
 from starplumb.estimators.gls import Gls
 from starplumb.estimators.protocol import AlignmentEstimate, Status
 from starplumb.estimators.wahba import Wahba
 from starplumb.io.results.samples import choose as choose_samples
-from starplumb.io.results.samples import write_samples
+from starplumb.io.results.samples import sample_files
 from starplumb.io.scenario.read import find_scenario, load_scenario
 from starplumb.physics import so3
 from starplumb.physics.errors import InputError
@@ -312,7 +313,8 @@ def test_samples_hold_every_trial_in_order(two_images, tmp_path):
     study = Study(two_images, {"gls": Gls(), "wahba": Wahba()}, 5, 250, chunk=100, keep_samples=True)
     store = Store.open(tmp_path / "chunks", study)
     run(store, Serial())
-    table = pq.read_table(write_samples(store, tmp_path, choose_samples("parquet"))).to_pydict()
+    publish(tmp_path, sample_files(store, choose_samples("parquet")))
+    table = pq.read_table(tmp_path / "samples.parquet").to_pydict()
     rows = [i for i, method in enumerate(table["method"]) if method == "gls"]
     error = np.array([[table[f"error_{a}_arcsec"][i] for a in "xyz"] for i in rows])
     assert [table["trial"][i] for i in rows] == list(range(250))

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import errno
 import gc
 import json
 import tracemalloc
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -168,13 +170,17 @@ def test_publish_is_all_or_nothing(tmp_path: Path) -> None:
 
 def test_publish_where_a_file_stands(tmp_path: Path) -> None:
     write_text(tmp_path / "a", "old\n")
-    with pytest.raises(InputError, match="wanted a folder that can be written"):
+    with pytest.raises(InputError, match="wanted a place that can be written"):
         publish(tmp_path / "a", {"b": "new\n"})
 
 
 def test_nothing_is_left_when_a_text_cannot_be_stored(tmp_path: Path) -> None:
-    with pytest.raises(UnicodeEncodeError):
-        publish(tmp_path, {"a": "fine", "b": "\ud800"})
+    def full() -> Iterator[str]:
+        yield "half"
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with pytest.raises(InputError, match="no way to write there"):
+        publish(tmp_path, {"a": "fine", "b": full()})
     assert list(tmp_path.iterdir()) == []
 
 

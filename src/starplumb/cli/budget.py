@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from .options.common import MethodsOption, ScenarioArgument
+from .options.places import require_place
 from .output import Json, Output, Quiet, Verbose
 
 
@@ -43,11 +44,15 @@ def budget(
 
       starplumb budget scenario.toml --methods gls,wahba --out study
     """
+    from ..session.budget import BUDGET_FILES, MARK
     from ..session.budget import budget as run
     from ..session.scenario import scenario as read
 
     speak = Output(json, quiet, verbose)
-    found = run(read(scenario), methods, target)
+    asked = read(scenario)
+    if out is not None:
+        require_place(out, BUDGET_FILES, [scenario], MARK)
+    found = run(asked, methods, target)
     if out is not None:
         found.save(out)
     speak.document(found.document)

@@ -10,6 +10,7 @@ import typer
 from .options.common import CampaignArgument, StartOption
 from .options.complete import methods, parameters
 from .options.outside import Choice, OutsideOption
+from .options.places import require_place
 from .output import Json, Output, Quiet, Verbose
 
 
@@ -99,7 +100,7 @@ def calibrate(
     from ..session.calibration import NotIdentified
     from ..session.calibration import calibrate as run
     from ..session.campaign import read_campaign
-    from ..session.result import MAP
+    from ..session.result import MAP, MARK, RESULT_FILES
 
     speak = Output(json, quiet, verbose)
     out = out or campaign.parent / "result"
@@ -108,6 +109,7 @@ def calibrate(
 
         require_pyogrio(out / MAP)
     found = read_campaign(campaign, outside.value)
+    require_place(out, [MARK[0], *RESULT_FILES], [found.loaded.sources, prior], MARK)
     try:
         chosen = "robust" if robust and method in ("default", "gls") else method
         result = run(found, estimate or (), chosen, reach_deg, prior, start, drift)

@@ -9,6 +9,7 @@ import typer
 
 from .options.common import CampaignArgument, StartOption
 from .options.outside import Choice, OutsideOption
+from .options.places import require_place
 from .output import Json, Output, Quiet, Verbose
 
 
@@ -32,10 +33,13 @@ def compare(
       starplumb compare campaign.toml --json --out results
     """
     from ..session.campaign import read_campaign
+    from ..session.comparison import MARK
     from ..session.comparison import compare as run
 
     speak = Output(json, quiet, verbose)
     found = read_campaign(campaign, outside.value)
+    if out is not None:
+        require_place(out, [MARK[0]], found.loaded.sources, MARK)
     comparison = run(found, lambda answers, total: speak.watched(answers, "Comparing", total), start)
     speak.notices(found.notices)
     if out is not None:

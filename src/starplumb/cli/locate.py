@@ -10,6 +10,7 @@ import typer
 from .options.common import CampaignArgument
 from .options.ground import Dem, Geoid, HeightsOption, ResultOption
 from .options.outside import Choice, OutsideOption
+from .options.places import require_place
 from .output import Json, Output, Quiet, Verbose
 
 BYTES_PER_PIXEL = 3 * 8
@@ -100,6 +101,7 @@ def locate(
     view = view_of(found, result, image, height_m, dem, None if heights is None else heights.value, geoid)
     if grid is not None:
         _agreed(speak, grid, grid_shape(view, grid, every, rows), yes)
+        require_place(grid.parent, [grid.name], [found.loaded.sources, dem, geoid, result])
         written = write_grid(
             view, grid, every, rows, lambda blocks, total: speak.watched(blocks, "Locating", total)
         )

@@ -14,6 +14,7 @@ import typer
 from .options.common import CampaignArgument
 from .options.ground import Dem, Geoid, HeightsOption, ResultOption
 from .options.outside import Choice, OutsideOption
+from .options.places import require_place
 from .output import Json, Output, Quiet, Verbose
 
 STANDARD_INPUT = "-"
@@ -93,6 +94,8 @@ def project(
 
     speak = Output(json, quiet, verbose)
     found = read_campaign(campaign, outside.value)
+    if out is not None:
+        require_place(out, [PIXELS], [found.loaded.sources, where, dem, geoid, result])
     with _places(where or [], itrf) as places:
         done = run(
             found,

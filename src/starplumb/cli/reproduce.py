@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from .options.complete import tables
+from .options.places import require_place
 from .output import Json, Output, Quiet, Verbose
 
 if TYPE_CHECKING:
@@ -49,11 +50,13 @@ def reproduce(
 
       starplumb reproduce --out reproduced
     """
-    from ..io.text.write import json_text, write_text
-    from ..published.reproduce import TABLES, document, verdicts
+    from ..io.text.write import marked, publish
+    from ..published.reproduce import MARK, TABLES, document, verdicts
     from ..published.reproduce import reproduce as recompute
 
     output = Output(json, quiet, verbose)
+    if out is not None:
+        require_place(out, [MARK[0]], (), MARK)
     wanted = names or list(TABLES)
     output.detail(f"{trials} runs of each table, seed {seed}")
     tables = []
@@ -64,7 +67,7 @@ def reproduce(
     output.show("Rows: " + ", ".join(f"{counts[verdict]} {verdict}" for verdict in counts))
     result = document(tables, trials, seed)
     if out is not None:
-        write_text(out / "reproduce.json", json_text(result))
+        publish(out, {}, mark=marked(MARK[0], result))
     output.document(result)
 
 

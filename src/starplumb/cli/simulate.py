@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from .options.common import MethodsOption, ScenarioArgument
+from .options.places import require_place
 from .output import Json, Output, Quiet, Verbose
 
 if TYPE_CHECKING:
@@ -77,6 +78,7 @@ def simulate(
       starplumb simulate scenario.toml --precision 0.02 --methods gls,wahba,observer --out study
     """
     from ..session.scenario import scenario as read
+    from ..session.study import MARK, STUDY_FILES
     from ..session.study import simulate as run
 
     speak = Output(json, quiet, verbose)
@@ -85,8 +87,11 @@ def simulate(
         speak.detail(f"{plan.trials} trials in {plan.chunks} chunks of {plan.chunk}")
         return _resumable(plan.trials, out, quiet)
 
+    asked = read(scenario)
+    if out is not None:
+        require_place(out, [MARK[0], *STUDY_FILES], [scenario], MARK)
     study = run(
-        read(scenario),
+        asked,
         trials,
         seed,
         methods,

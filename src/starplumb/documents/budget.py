@@ -6,7 +6,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from .document import Document, Matrix3, Number, Part, Triple
+from .document import Document, Files, Matrix3, Number, Part, Triple
 
 Source = dict[str, str | Number | list[Number]]
 """A source: the names of its numbers end in its unit, as in ``sigma_arcsec`` and ``sensitivity_arcsec_per_arcsec``."""
@@ -62,3 +62,4 @@ class BudgetDocument(Document):
     motion: DetectableMotion | None = None
     left_out: list[str]
     target: TargetPart | None
+    files: Files = None

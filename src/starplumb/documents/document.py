@@ -15,6 +15,8 @@ from ..physics.errors import InputError
 MOST_PROBLEMS = 3
 """So many of the things that are wrong with a document are said."""
 
+Files = dict[str, str] | None
+"""The other files of the set that a document is the mark of, each with its SHA-256; none in a printed document."""
 Number = float | None
 """A number, or null where none can be stated."""
 Triple = Annotated[list[float], Len(3, 3)]

@@ -11,7 +11,7 @@ from pydantic import AfterValidator, Field, model_validator
 from ..estimators.protocol import Status
 from ..physics import so3
 from ..physics.units import ARCSEC
-from .document import Document, Matrix3, MatrixOrNulls3, Number, Numbers3, Part
+from .document import Document, Files, Matrix3, MatrixOrNulls3, Number, Numbers3, Part
 from .motion import MotionPart, OrbitPart, Span
 
 ROTATION = 1e-6
@@ -224,6 +224,7 @@ class ResultDocument(Document):
     left_out: list[LeftOut] | None = None
     notices: list[str] | None = None
     labels: dict[str, int] | None = None
+    files: Files = None
 
     @model_validator(mode="after")
     def _believable(self) -> Self:

@@ -6,7 +6,7 @@ from typing import Any, Literal
 
 from pydantic import Field
 
-from .document import Document, Number, Numbers3, Part
+from .document import Document, Files, Number, Numbers3, Part
 
 
 class Interval(Part):
@@ -87,3 +87,4 @@ class SimulationDocument(Document):
     sources: list[dict[str, str | list[float]]]
     cramer_rao_arcsec: Numbers3 | None
     methods: dict[str, MethodErrors]
+    files: Files = None

@@ -18,6 +18,7 @@ from .tables import NAMES
 from .tkachenko2019 import changes, first_correction, residuals
 
 SCHEMA = "starplumb-reproduce/1"
+MARK = ("reproduce.json", SCHEMA)
 MIN_TRIALS = 200
 """Two series of the 100 runs of which each figure of the paper stems."""
 

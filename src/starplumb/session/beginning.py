@@ -5,13 +5,13 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+from ..disk.publish import publish_beside
 from ..documents.catalogue import schema
 from ..io.campaign.config import CampaignConfig
 from ..io.scenario.read import find_scenario
 from ..io.tables.columns import GEODETIC, SIGMA_ENU
 from ..io.text.files import read_text
 from ..io.text.template import template
-from ..io.text.write import publish
 from ..physics.errors import InputError
 from ..table.parameter_names import CLOCKS, GROUPS
 
@@ -105,7 +105,7 @@ def write_template(folder: Path) -> Path:
     """Write a campaign without data, every key explained, and tables without rows; the path of ``campaign.toml``."""
     text = template(CampaignConfig, EXAMPLES, ACTIVE, f"{schema_line('campaign')}\n{HEAD}")
     tables = {name: ",".join(columns) + "\n" for name, columns in TABLES.items()}
-    publish(folder, {"campaign.toml": text, "campaign.schema.json": schema_text("campaign"), **tables})
+    publish_beside(folder, {**tables, "campaign.schema.json": schema_text("campaign"), "campaign.toml": text})
     return folder / "campaign.toml"
 
 
@@ -116,7 +116,7 @@ def write_scenario(folder: Path, name: str) -> Path:
     """
     source = find_scenario(name)
     files = {"scenario.toml": f"{schema_line('scenario')}\n{read_text(source)}"}
-    publish(folder, files | {"scenario.schema.json": schema_text("scenario")})
+    publish_beside(folder, {"scenario.schema.json": schema_text("scenario"), **files})
     return folder / "scenario.toml"
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..physics.units import ARCSEC
 from ..report.page import Table
-from ..study.budget_document import document
+from ..study.budget_document import SCHEMA, document
 from .arguments import Folder, Positive, checked
 from .calibration import estimators_of, method_of
 from .frames import Frame
@@ -19,6 +19,9 @@ from .show import Shown
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from pandas import DataFrame
+
+MARK = ("budget.json", SCHEMA)
+BUDGET_FILES = (MARK[0], "report.html")
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -60,14 +63,11 @@ class Budget(Shown):
     @checked
     def save(self, folder: Folder) -> None:
         """Write ``budget.json`` and ``report.html``."""
-        from ..io.text.write import json_text, publish
+        from ..io.text.write import marked, publish
         from ..report.budget import budget_page
 
-        files = {
-            "budget.json": json_text(self.document),
-            "report.html": budget_page(self.document),
-        }
-        publish(Path(folder), files)
+        files = {"report.html": budget_page(self.document)}
+        publish(Path(folder), files, mark=marked(MARK[0], self.document))
 
     @property
     def tables(self) -> Sequence[Table]:

@@ -18,7 +18,7 @@ from ..table.campaign import Campaign as Physics
 from .arguments import Folder, Wanted, checked
 from .campaign import Campaign
 from .prior import with_prior
-from .result import RESULT_FILES, Result
+from .result import RESULT, RESULT_FILES, Result
 
 if TYPE_CHECKING:
     from ..identify.labelling import Labels
@@ -48,12 +48,12 @@ class NotIdentified(AlignmentFailed):
         """Write ``result.json`` without an answer, and the tables of the detections; an older result is removed."""
         from ..documents.from_calibration import unmatched_document
         from ..io.results.labels import label_files
-        from ..io.text.write import json_text, publish
+        from ..io.text.write import marked, publish
 
         loaded, frames = self.campaign.loaded, self.campaign.frames
         document = unmatched_document(loaded.campaign, self.labels, self.method, frames, loaded.inputs)
-        files = {"result.json": json_text(document), **label_files(loaded, self.labels)}
-        publish(Path(folder), files, instead_of=RESULT_FILES)
+        files, mark = label_files(loaded, self.labels), marked(RESULT, document)
+        publish(Path(folder), files, instead_of=RESULT_FILES, mark=mark, inputs=loaded.sources)
 
 
 @dataclass(frozen=True)

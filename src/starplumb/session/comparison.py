@@ -28,6 +28,7 @@ Watch = Callable[[Iterable[Answer], int], Iterable[Answer]]
 """Passes the answers on as they come, and shows how many of how many there are."""
 
 SCHEMA = "starplumb-compare/1"
+MARK = ("compare.json", SCHEMA)
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -57,9 +58,10 @@ class Comparison(Shown):
     @checked
     def save(self, folder: Folder) -> None:
         """Write ``compare.json``."""
-        from ..io.text.write import json_text, write_text
+        from ..io.text.write import marked, publish
 
-        write_text(Path(folder) / "compare.json", json_text(self.document))
+        mark = marked(MARK[0], self.document)
+        publish(Path(folder), {}, mark=mark, inputs=self.campaign.loaded.sources)
 
     @property
     def frame(self) -> Frame:

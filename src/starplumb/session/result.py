@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ..documents.from_calibration import result_document
+from ..disk.publish import Content
+from ..documents.from_calibration import RESULT_SCHEMA, result_document
 from ..estimators.protocol import Status
 from ..io.campaign.read import LoadedCampaign
 from ..io.results.residual_table import residual_columns, residual_names
@@ -38,6 +39,9 @@ Array = NDArray[np.float64]
 
 MAP = "residuals.gpkg"
 """The residuals for a geographic information system."""
+RESULT = "result.json"
+MARK = (RESULT, RESULT_SCHEMA)
+"""The mark of the set and its kind: it is written last and has the digests of the others."""
 RESULT_FILES = ("report.html", "mounting.tf", "residuals.csv", "normals.json", MAP, *MOVING_FILES)
 """Files of a result beside ``result.json``: those that a new result does not write are removed."""
 
@@ -177,15 +181,13 @@ class Result(Shown):
         ``result.json``, ``residuals.csv``, with ``report`` the page ``report.html``, with ``gpkg`` the map
         ``residuals.gpkg``, and, if the mounting may be used, the SPICE frame kernel ``mounting.tf``.  One that moves is
         also a table ``mounting.csv`` with its covariance and, with the extra ``spice``, a C-kernel ``mounting.bc`` with
-        its clock ``mounting.tsc``.  Files of an earlier result that this one does not write are removed.
+        its clock ``mounting.tsc``.  ``result.json`` is written last and names the others with their digests.
+        Files of an earlier result that this one does not write are removed; no other file is replaced.
         """
-        from ..io.text.write import csv_pieces, json_text, publish
+        from ..io.text.write import csv_pieces, json_text, marked, publish
 
         residuals = self.residuals
-        files: dict[str, str | Iterable[str]] = {
-            "result.json": json_text(self.document),
-            "residuals.csv": csv_pieces(residuals.names, residuals.columns),
-        }
+        files: dict[str, Content] = {"residuals.csv": csv_pieces(residuals.names, residuals.columns)}
         if (normals := self.normals) is not None:
             files["normals.json"] = json_text(normals)
         if self.labels is not None:
@@ -199,11 +201,10 @@ class Result(Shown):
         moving = moving_kernels(self.calibration, self._kernel, self._frames) if self.usable else None
         if moving is not None:
             files |= moving.files
-        publish(Path(folder), files, instead_of=RESULT_FILES)
-        if moving is not None:
-            moving.write_ck(Path(folder))
         if gpkg:
-            self._write_map(Path(folder) / MAP)
+            files[MAP] = self._write_map
+        mark, inputs = marked(RESULT, self.document), self.campaign.loaded.sources
+        publish(Path(folder), files, instead_of=RESULT_FILES, mark=mark, inputs=inputs)
 
     @property
     def _frames(self) -> KernelFrames:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from ..io.results.samples import Format, write_samples
+from ..disk.publish import Content
+from ..io.results.samples import SAMPLES, Format, sample_files
 from ..io.results.samples import choose as choose_samples
 from ..physics.errors import ArgumentError
 from ..report.page import Table
@@ -17,7 +18,7 @@ from ..study.monte_carlo import Study as Plan
 from ..study.run import choose, run
 from ..study.statistics import trials_for
 from ..study.store import Store
-from ..study.summary import summarise
+from ..study.summary import SCHEMA, summarise
 from .arguments import Count, Folder, Seed, Wanted, checked
 from .calibration import estimators_of, method_of
 from .frames import Frame
@@ -30,6 +31,10 @@ if TYPE_CHECKING:
 
 Watched = Callable[[Plan], AbstractContextManager[Callable[[int], None]]]
 
+MARK = ("summary.json", SCHEMA)
+"""The mark of the files of a study, and its kind."""
+STUDY_FILES = (SAMPLES, "report.html")
+"""Files of every study beside it; the figures are named after the methods."""
 Precision = Annotated[float, Wanted("a number from 1e-4 to 0.5", lambda value: 1e-4 <= value <= 0.5)]
 Trials = Annotated[int, Wanted("a whole number of at least 2", lambda value: value >= 2)]
 PRECISION = 0.01
@@ -98,15 +103,22 @@ class Study(Shown):
     @checked
     def save(self, folder: Folder) -> None:
         """Write ``summary.json``, ``report.html`` and the figures."""
-        from ..io.text.write import json_text, publish
+        self._publish(Path(folder), {}, also=[SAMPLES])
+
+    def _publish(
+        self,
+        folder: Path,
+        samples: Mapping[str, Content],
+        also: Sequence[str] = (),
+        inputs: Sequence[Path] = (),
+    ) -> None:
+        from ..io.text.write import marked, publish
         from ..report.simulation import simulation_page
         from ..report.simulation_figures import simulation_files
 
-        files = {
-            "summary.json": json_text(self.document),
-            "report.html": simulation_page(self.document),
-        }
-        publish(Path(folder), files | simulation_files(self.document))
+        files = {"report.html": simulation_page(self.document), **simulation_files(self.document), **samples}
+        mark = marked(MARK[0], self.document)
+        publish(folder, files, [SAMPLES], mark=mark, also=also, inputs=inputs)
 
     @property
     def sentences(self) -> Sequence[str]:
@@ -156,8 +168,7 @@ def simulate(
             run(store, choose(workers, scheduler, study.chunks), done)
         found = Study(summarise(store))
         if out is not None:
-            write_samples(store, Path(out), format)
-            found.save(out)
+            found._publish(Path(out), sample_files(store, format))
         return found
 
 

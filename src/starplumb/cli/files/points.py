@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from ..options.ground import Dem, Geoid, HeightsOption
+from ..options.places import paths
 from ..output import Json, Output, Quiet, Verbose
 
 
@@ -63,9 +64,9 @@ def points(
       \b
       starplumb points control.gcp --out campaign
     """
+    from ...disk.publish import publish_beside
     from ...io.campaign.marks.ground_tables import Sigmas, tables
     from ...io.gis.heights import Ground
-    from ...io.text.write import publish_beside
 
     speak = Output(json, quiet, verbose)
     found, notices = tables(
@@ -74,7 +75,7 @@ def points(
         Sigmas(_three("--sigma-m", sigma_m), sigma_px),
         crs,
     )
-    publish_beside(out, found.files)
+    publish_beside(out, found.files, list(paths([files, dem, geoid])))
     speak.notices(notices)
     speak.detail(*(f"read {path}" for path in files))
     speak.document({"landmarks": found.landmarks, "observations": found.observations, "images": found.images})

@@ -14,6 +14,9 @@ from .config import CampaignConfig
 from .marks.point_files import PointFiles
 from .settings import Settings
 
+_BESIDE = (".dbf", ".prj")
+"""Endings of files that belong to a shapefile."""
+
 
 @dataclass(frozen=True)
 class Files:
@@ -46,6 +49,13 @@ class Files:
     def of_points(self, section: str) -> TableSource | PointFiles:
         """What a section names that may name files of ground points."""
         return self.points[section] if section in self.points else self.tables[f"{section}.file"]
+
+    def paths(self, further: Sequence[str] = ()) -> tuple[Path, ...]:
+        """Every file that is read, with ``further`` ones that the tables name."""
+        tables = [place for place in self.tables.values() if isinstance(place, Path)]
+        beside = [place.with_suffix(end) for place in tables for end in _BESIDE if _is_shape(place)]
+        points = [path for each in self.points.values() for path in each.paths]
+        return (*tables, *beside, *points, *map(self.folder.joinpath, further))
 
     def fingerprints(self, further: Sequence[str] = ()) -> dict[str, str]:
         """The digest of every table and file by its name, and of ``further`` ones that the tables name."""
@@ -96,6 +106,10 @@ def _fingerprints(name: str, place: TableSource) -> dict[str, str]:
     """Digest of a table or file, and of those that belong to it: a shapefile keeps its attributes in a second one."""
     if isinstance(place, Frame):
         return {name: place.fingerprint()}
-    parts = {Path(name).with_suffix(end).as_posix(): place.with_suffix(end) for end in (".dbf", ".prj")}
-    beside = {key: part for key, part in parts.items() if place.suffix.lower() == ".shp" and part.is_file()}
+    parts = {Path(name).with_suffix(end).as_posix(): place.with_suffix(end) for end in _BESIDE}
+    beside = {key: part for key, part in parts.items() if _is_shape(place) and part.is_file()}
     return {key: fingerprint(part) for key, part in ({name: place} | beside).items()}
+
+
+def _is_shape(place: Path) -> bool:
+    return place.suffix.lower() == ".shp"

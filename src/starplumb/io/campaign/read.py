@@ -50,7 +50,7 @@ class LoadedCampaign:
     should see; ``orientation`` is that of the Earth where an inertial frame asked for it (its ``source``
     names the table). ``detections`` stand in for the sightings, of which there are then none, where the
     landmarks are not known; ``rows`` names the rows of either, and ``left_out`` are those outside attitude and orbit
-    where that was asked for.
+    where that was asked for; ``sources`` are the places of the files, which nothing may be written over.
     """
 
     campaign: Campaign
@@ -62,6 +62,7 @@ class LoadedCampaign:
     detections: Detections | None = None
     outside: Outside = "refuse"
     left_out: tuple[LeftOut, ...] = ()
+    sources: tuple[Path, ...] = ()
 
     @property
     def predicted_orientation(self) -> bool:
@@ -120,8 +121,12 @@ def load_campaign(
     notices: list[str] = []
     orientation = _orientation(config, files)
     campaign, detections, rows = _assemble(config, files, orientation, notices, given.name)
-    inputs = given.digest | files.fingerprints(named(campaign.images))
-    loaded = LoadedCampaign(campaign, config, inputs, tuple(notices), orientation, rows, detections, outside)
+    further = named(campaign.images)
+    inputs = given.digest | files.fingerprints(further)
+    sources = (*([settings] if isinstance(settings, Path) else []), *files.paths(further))
+    loaded = LoadedCampaign(
+        *(campaign, config, inputs, tuple(notices), orientation, rows, detections, outside), sources=sources
+    )
     return _without_outside(loaded) if outside == "skip" else loaded
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ...disk.publish import publish, publish_beside
 from ...physics import so3
 from ...physics.camera import FrameCamera, LineScanCamera
 from ...physics.earth import C_JT, itrf_to_geodetic
@@ -18,7 +19,7 @@ from ...table.considered import REFRACTION
 from ...table.parameter_names import UNITS, unit_of
 from ..tables.cells import Array
 from ..tables.columns import CARTESIAN, GEODETIC, SIGMA_ENU
-from ..text.write import Column, csv_text, publish
+from ..text.write import Column, csv_text
 from .fixed_frames import CAMERA
 from .marks.markers import noise_columns
 from .motion import VELOCITY
@@ -39,6 +40,7 @@ def write_campaign(
     C_EK_true: Array | None = None,
     detections: Detections | None = None,
     schema: str = "",
+    new: bool = False,
 ) -> Path:
     """Write a campaign that :func:`starplumb.io.campaign.read.load_campaign` reads back, all files or none.
 
@@ -46,18 +48,19 @@ def write_campaign(
     the frame of their sigmas. ``comment`` heads campaign.toml; ``C_EK_true`` is noted there as the truth of a
     simulation, which nothing but the display of results may use; ``detections`` are written in place of the
     sightings; ``schema`` is a JSON schema to lie beside campaign.toml. Returns the path of campaign.toml. Raises
-    ValueError for landmark covariances that are not along east, north, up, and for an attitude covariance that is
-    not along E's axes.
+    InputError where the campaign must be ``new`` and a file of it is there already, ValueError for landmark
+    covariances that are not along east, north, up, and for an attitude covariance that is not along E's axes.
     """
     files = campaign_files(campaign, time_scale, detections)
     sections = _sections(campaign, time_scale, tracker, "detections" if detections else "observations")
     if C_EK_true is not None:
         sections = [*sections, ("truth", {"quaternion_xyzw": so3.to_quaternion(C_EK_true)})]
-    files["campaign.toml"] = document_text(sections, comment)
+    text = document_text(sections, comment)
     if schema:
-        files["campaign.toml"] = f"#:schema campaign.schema.json\n{files['campaign.toml']}"
+        text = f"#:schema campaign.schema.json\n{text}"
         files["campaign.schema.json"] = schema
-    publish(folder, files)
+    write = publish_beside if new else publish
+    write(folder, files | {"campaign.toml": text})  # last: it marks that the tables are there
     return folder / "campaign.toml"
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import warnings
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -12,12 +11,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...disk.staging import require_room, staged, take_room
 from ...physics.errors import InputError
 from ...physics.units import DEG
+from .drivers import open_raster
 
 Array = NDArray[np.float64]
 
 ENDINGS = (".tif", ".tiff", ".npy")
+_TIFF_TAGS = 1 << 16
+"""Bytes that a GeoTIFF needs beside its pixels, and some more."""
 BANDS = ("longitude_deg", "latitude_deg", "height_m")
 
 
@@ -33,37 +36,49 @@ def write_grid(path: Path, blocks: Iterable[Array], shape: tuple[int, int], ever
     ``shape`` is (rows, columns), ``every`` the step in pixels.  The file appears when it is whole.  Raises InputError
     where it cannot be written.
     """
-    beside = path.with_name(f".{path.name}.{os.getpid()}.part{path.suffix}")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        open_file = _array if path.suffix.lower() == ".npy" else _geotiff
-        with open_file(beside, shape, every) as put:
+    open_file = _array if path.suffix.lower() == ".npy" else _geotiff
+    with staged(path.parent, place=path) as staging:
+        with open_file(staging.path(path.name), shape, every) as put:
             missing, at = 0, 0
             for block in blocks:
                 degrees = block * np.array([1.0 / DEG, 1.0 / DEG, 1.0])
                 missing += int(np.isnan(degrees[..., 2]).sum())
                 put(at, np.moveaxis(degrees, -1, 0))
                 at += len(block)
-        beside.replace(path)
-    except OSError as error:
-        raise InputError(
-            f"{path}: found no way to write it ({error.strerror or error}), wanted a file that can be written"
-        ) from None
-    finally:
-        beside.unlink(missing_ok=True)
+        staging.commit([path.name])
     return missing
+
+
+def is_grid(path: Path) -> bool:
+    """Whether a file holds such a grid, of any image: by the bands that it has."""
+    try:
+        if path.suffix.lower() == ".npy":
+            with path.open("rb") as file:
+                np.lib.format.read_magic(file)
+                shape, _, dtype = np.lib.format.read_array_header_1_0(file)
+            return len(shape) == 3 and shape[0] == len(BANDS) and dtype == np.float64
+        with open_raster(path) as raster:
+            return tuple(raster.descriptions) == BANDS
+    except (OSError, ValueError, InputError):
+        return False
 
 
 @contextmanager
 def _array(path: Path, shape: tuple[int, int], every: int) -> Iterator[Any]:
-    """Writer of a NumPy file (3, rows, columns)."""
-    grid = np.lib.format.open_memmap(path, mode="w+", dtype=np.float64, shape=(len(BANDS), *shape))
+    """Writer of a NumPy file (3, rows, columns), whose room is taken at once: a full disk ends no long work."""
+    header = {"descr": "<f8", "fortran_order": False, "shape": (len(BANDS), *shape)}
+    band = 8 * shape[0] * shape[1]
+    with path.open("xb") as file:
+        np.lib.format.write_array_header_1_0(file, header)
+        begin = file.tell()
+        take_room(file.fileno(), begin + len(BANDS) * band)
 
-    def put(at: int, block: Array) -> None:
-        grid[:, at : at + block.shape[1]] = block
+        def put(at: int, block: Array) -> None:
+            for i, values in enumerate(block):
+                file.seek(begin + i * band + 8 * at * shape[1])
+                file.write(np.ascontiguousarray(values, dtype="<f8").tobytes())
 
-    yield put
-    grid.flush()
+        yield put
 
 
 @contextmanager
@@ -75,6 +90,7 @@ def _geotiff(path: Path, shape: tuple[int, int], every: int) -> Iterator[Any]:
         from rasterio.windows import Window
     except ImportError:
         raise InputError(f'{path}: writing it needs rasterio: pip install "starplumb[gis]"') from None
+    require_room(path, 8 * len(BANDS) * shape[0] * shape[1] + _TIFF_TAGS)
     profile = {
         "driver": "GTiff",
         "dtype": "float64",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import struct
 from collections.abc import Sequence
 from importlib.util import find_spec
@@ -35,21 +34,19 @@ def write_residuals(
     names: Sequence[str],
     columns: Sequence[Column],
 ) -> None:
-    """Write points (n,) of WGS 84 with the columns of ``residuals.csv`` as attributes, beside and then renamed.
+    """Write points (n,) of WGS 84 with the columns of ``residuals.csv`` as attributes.
 
-    Raises InputError where pyogrio is not installed or the place cannot be written to.
+    Raises InputError where pyogrio is not installed, OSError where the place cannot be written to.
     """
     require_pyogrio(path)
     from pyogrio import raw, set_gdal_config_options
     from pyogrio.errors import DataSourceError
 
     points = [struct.pack("<BIdd", 1, 1, x, y) for x, y in zip(longitude_deg, latitude_deg, strict=True)]
-    beside = path.with_name(f".{os.getpid()}.{path.name}")
     set_gdal_config_options({"OGR_CURRENT_DATE": _NO_DATE})
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
         raw.write(
-            beside,
+            path,
             geometry=np.array(points, dtype=object),
             field_data=[_field(column) for column in columns],
             fields=np.array(names, dtype=object),
@@ -58,15 +55,10 @@ def write_residuals(
             geometry_type="Point",
             crs="EPSG:4326",
         )
-        beside.replace(path)
-    except (OSError, DataSourceError) as error:
-        reason = " ".join(str(error).split())
-        raise InputError(
-            f"{path}: found no way to write there ({reason}), wanted a folder that can be written"
-        ) from None
+    except DataSourceError as error:
+        raise OSError(" ".join(str(error).replace(str(path), path.name).split())) from None
     finally:
         set_gdal_config_options({"OGR_CURRENT_DATE": None})
-        beside.unlink(missing_ok=True)
 
 
 def _field(column: Column) -> NDArray[Any]:

@@ -169,6 +169,11 @@ class Surface:
     dem: Raster
     geoid: Raster | None
 
+    @property
+    def paths(self) -> tuple[Path, ...]:
+        """The files that are read."""
+        return tuple(raster.path for raster in (self.dem, self.geoid) if raster is not None)
+
     def at(self, latitude: Array, longitude: Array) -> Array:
         """Heights (n,) m above the ellipsoid at places (n,) rad; NaN where DEM or geoid has none."""
         height = self.dem.at(latitude, longitude)

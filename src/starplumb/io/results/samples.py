@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from dataclasses import fields
 from pathlib import Path
@@ -11,11 +10,13 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from ...disk.publish import Content
 from ...physics.errors import ArgumentError
 from ...physics.units import ARCSEC
 from ...study.monte_carlo import Arrays, Samples
 from ...study.store import Store
 
+SAMPLES = "samples.parquet"
 Format = Literal["parquet", "none"]
 
 
@@ -31,18 +32,9 @@ def choose(wanted: str) -> Format:
     return "none" if wanted == "none" else "parquet"
 
 
-def write_samples(store: Store, folder: Path, format: Format) -> Path | None:
-    """Write the samples of a finished study beside its summary; the file appears when it is whole."""
-    if format == "none":
-        return None
-    path = folder / "samples.parquet"
-    beside = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        _write_parquet(beside, store)
-        beside.replace(path)
-    finally:
-        beside.unlink(missing_ok=True)
-    return path
+def sample_files(store: Store, format: Format) -> dict[str, Content]:
+    """The table of samples of a finished study, to be written beside its summary."""
+    return {} if format == "none" else {SAMPLES: lambda path: _write_parquet(path, store)}
 
 
 def columns(arrays: Arrays, method: str, first: int) -> dict[str, NDArray[Any]]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import codecs
-import hashlib
 import unicodedata
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -11,6 +10,7 @@ from difflib import get_close_matches
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from ...disk.publish import fingerprint as fingerprint
 from ...physics.errors import InputError
 from .packed import beginning, is_packed, unpacked
 
@@ -118,12 +118,6 @@ def read_text(path: Path) -> str:
     except UnicodeDecodeError as error:
         where, byte = _line(data, error.start), data[error.start]
         raise InputError(f"{path}, line {where}: found the byte 0x{byte:02X}, wanted UTF-8 text") from None
-
-
-def fingerprint(path: Path) -> str:
-    """``sha256:`` and the digest of a file's bytes."""
-    with path.open("rb") as file:
-        return "sha256:" + hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _line(data: bytes, at: int) -> int:

@@ -1,84 +1,35 @@
-"""Results on disk: every file is written beside its place and renamed into it, so none is ever half there."""
+"""The texts of result files: JSON documents and CSV tables."""
 
 from __future__ import annotations
 
 import json
-import os
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from pathlib import Path
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...physics.errors import InputError
+from ...disk.owned import FILES, Mark
+from ...disk.publish import publish as publish
+from ...disk.publish import write_text as write_text
 
 Column = Sequence[object] | NDArray[Any]
 _ROWS = 1 << 12
 _WORDS = {"NaN": "nan", "Infinity": "inf", "-Infinity": "-inf"}
 
 
-def publish_beside(folder: Path, files: Mapping[str, str]) -> None:
-    """:func:`publish` into a folder that may hold a user's own files: none of them is replaced.
-
-    A file that already holds the very text counts as written.  Raises InputError about one that holds another.
-    """
-    for name, text in files.items():
-        place = folder / name
-        try:
-            other = place.exists() and place.read_bytes() != text.encode("utf-8")
-        except OSError:
-            other = True
-        if other:
-            raise InputError(
-                f"{place}: found a file that holds something else, wanted a folder without it; give another --out, or "
-                "move the file away"
-            )
-    publish(folder, files)
-
-
-def publish(folder: Path, files: Mapping[str, str | Iterable[str]], instead_of: Sequence[str] = ()) -> None:
-    """Write text files into ``folder`` (made if need be), all or none; a large text may come in pieces.
-
-    Every file is written and flushed under another name first; when all of them lie there they are renamed.
-    Those of ``instead_of`` that are not among them are removed: what an earlier run left no longer holds.
-    Raises InputError where the folder cannot be written to; then nothing of the new content is left behind.
-    """
-    staged: list[tuple[Path, Path]] = []
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        for name, text in files.items():
-            place = folder / name
-            beside = place.with_name(f".{place.name}.{os.getpid()}.part")
-            staged.append((beside, place))
-            with beside.open("w", encoding="utf-8", newline="\n") as file:
-                file.writelines([text] if isinstance(text, str) else text)
-                file.flush()
-                os.fsync(file.fileno())
-        for _, place in staged:
-            if place.is_dir():
-                raise IsADirectoryError(None, "a folder of that name is in the way", str(place))
-        for beside, place in staged:
-            beside.replace(place)
-        for name in set(instead_of) - set(files):
-            (folder / name).unlink(missing_ok=True)
-    except OSError as error:
-        raise InputError(
-            f"{folder}: found no way to write there ({error.strerror}), wanted a folder that can be written"
-        ) from None
-    finally:
-        for beside, _ in staged:
-            beside.unlink(missing_ok=True)
-
-
-def write_text(path: Path, text: str) -> None:
-    """Write one text file; as ``publish``."""
-    publish(path.parent, {path.name: text})
-
-
 def json_text(document: Mapping[str, object]) -> str:
     """``document`` as indented JSON. Raises ValueError for NaN and infinities, which JSON has not."""
     return json.dumps(document, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
+
+
+def marked(name: str, document: Mapping[str, Any]) -> Mark:
+    """``document`` as the mark of a set of files, with their digests in it where there are others."""
+
+    def text(files: Mapping[str, str]) -> str:
+        return json_text({**document, FILES: files} if files else document)
+
+    return Mark(name, document["schema"], text)
 
 
 def csv_text(header: Sequence[str], columns: Sequence[Column]) -> str:

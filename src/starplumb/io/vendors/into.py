@@ -17,6 +17,7 @@ from ..campaign.write import campaign_files
 from ..text.files import read_text
 from ..text.write import publish
 from .join import Named, joined
+from .metadata_files import one_metadata_file
 from .product import Wanted, named_campaigns
 
 _TABLES = ("ephemeris", "attitude", "landmarks", "images", "observations")
@@ -42,7 +43,9 @@ def import_into(
     parts = [Named(str(path), loaded.campaign), *named_campaigns(paths, stated, image_ids, notices, True)]
     whole = joined(parts)
     files = campaign_files(whole, loaded.config.campaign.time_scale)
-    publish(folder, files | {"campaign.toml": _edited(path, whole)})
+    publish(
+        folder, files | {"campaign.toml": _edited(path, whole)}, inputs=list(map(one_metadata_file, paths))
+    )
     return notices
 
 

@@ -123,7 +123,7 @@ def import_products(
     campaign = joined(parts) if len(parts) > 1 else parts[0].campaign
     campaign = _with_landmarks(campaign, wanted.corners, landmarks, observations, notices)
     sources = ", ".join(part.name for part in parts)
-    write_campaign(out, campaign, comment=f"imported from {sources}, attitude: {wanted.attitude}")
+    write_campaign(out, campaign, comment=f"imported from {sources}, attitude: {wanted.attitude}", new=True)
     return notices
 
 

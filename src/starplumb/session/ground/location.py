@@ -43,6 +43,11 @@ class View:
     height_m: float
 
     @property
+    def sources(self) -> tuple[Path, ...]:
+        """The files that are read: those of the campaign, and the rasters of the ground."""
+        return (*self.campaign.loaded.sources, *(() if self.surface is None else self.surface.paths))
+
+    @property
     def image_id(self) -> str:
         return self.campaign.images[self.image]
 
@@ -282,13 +287,16 @@ def write_grid(
 ) -> Grid:
     """Write the ground positions of every pixel, or of every few, into a ``.tif`` or ``.npy`` file.
 
-    ``rows`` is needed for a camera that does not state how many it has.
+    ``rows`` is needed for a camera that does not state how many it has.  Raises InputError where the file is one that
+    is read, or one that holds something else.
     """
-    from ...io.gis.geolocation import require_ending
+    from ...disk.owned import require_own
+    from ...io.gis.geolocation import is_grid, require_ending
     from ...io.gis.geolocation import write_grid as write
 
     path = Path(path)
     require_ending(path)
+    require_own(path, view.sources, is_grid)
     loaded, C_EK = view.campaign.loaded, view.mounting.C_EK
     row_px, column_px = _grid_pixels(view, every, rows)
     seen = _covered_rows(view, row_px)

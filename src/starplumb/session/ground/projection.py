@@ -10,6 +10,7 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...disk.owned import require_own
 from ...documents.numbers import numbers
 from ...ground.projection import Projected, projected
 from ...io.campaign.marks.sites import Sites, one_site, read_sites
@@ -17,6 +18,7 @@ from ...io.gis.heights import Ground, Heights
 from ...io.tables.columns import CARTESIAN, GEODETIC
 from ...io.tables.read import Frame as TableFrame
 from ...io.tables.read import Table, TableSource
+from ...io.text.files import read_beginning
 from ...io.text.write import csv_text, write_text
 from ...physics.errors import ArgumentError
 from ...table.appearance import Seen
@@ -52,6 +54,7 @@ class Projection(Shown):
     """Places in images: what :func:`starplumb.project` returns.  ``document`` is what --json prints."""
 
     document: dict[str, Any]
+    sources: tuple[Path, ...] = ()
 
     @property
     def frame(self) -> Frame:
@@ -71,8 +74,10 @@ class Projection(Shown):
 
     @checked
     def save(self, folder: Folder) -> None:
-        """Write ``pixels.csv``."""
-        write_text(Path(folder) / PIXELS, self.csv)
+        """Write ``pixels.csv``.  Raises InputError where another file has that name."""
+        place = Path(folder) / PIXELS
+        require_own(place, self.sources, _is_pixels)
+        write_text(place, self.csv)
 
     @property
     def notices(self) -> Sequence[str]:
@@ -190,7 +195,8 @@ def _projection(campaign: Campaign, mounting: Any, sites: Sites, image: str | No
             "left_out": {_KEYS[why]: count for why, count in found.absent.items()},
             "in_no_image": [sites.ids[i] for i in absent.tolist()],
             "notices": [*mounting.notices, *sites.notices],
-        }
+        },
+        loaded.sources,
     )
 
 
@@ -221,6 +227,11 @@ def _points(campaign: Campaign, sites: Sites, found: Projected, stated: bool) ->
             "sigma_px": numbers(np.sqrt(np.diagonal(covariance))) if stated else None,
             "covariance_px2": numbers(covariance) if stated else None,
         }
+
+
+def _is_pixels(path: Path) -> bool:
+    """Whether a file is such a table: by its first line."""
+    return read_beginning(path).startswith(",".join(HEADER).encode())
 
 
 def _row(point: dict[str, Any]) -> tuple[object, ...]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from ...disk.publish import Content
 from ...io.text.write import csv_text
 from ...judge.motion.asked import NONE
 from ...judge.motion.averaging import Motion
@@ -58,7 +59,12 @@ class MovingKernels:
         return clock_id(self.frames[2].camera)
 
     @property
-    def files(self) -> dict[str, str]:
+    def files(self) -> Mapping[str, Content]:
+        """The table, and the kernels where they can be written."""
+        return self.texts if self.clock is None else {**self.texts, CK: self.write_ck}
+
+    @property
+    def texts(self) -> dict[str, str]:
         """The table, and the texts of the kernels."""
         rows, columns = np.triu_indices(3)
         entries = self.covariance_E[:, rows, columns] / ARCSEC**2
@@ -72,15 +78,13 @@ class MovingKernels:
             texts |= {CLOCK: clock_kernel_text(self.frames[2].camera), "mounting.tf": self.kernel(clock)}
         return texts
 
-    def write_ck(self, folder: Path) -> None:
-        """Write the C-kernel where it can be written."""
-        if self.clock is None:
-            return
+    def write_ck(self, path: Path) -> None:
+        """Write the C-kernel."""
         from ...io.formats.spice_ck import write_ck
 
         camera, tracker, ids = self.frames
-        texts = [self.files["mounting.tf"], self.files[CLOCK]]
-        write_ck(folder / CK, texts, (camera, tracker), ids.camera, self.t_ns, self.C_EK, self.starts)
+        texts = [self.texts["mounting.tf"], self.texts[CLOCK]]
+        write_ck(path, texts, (camera, tracker), ids.camera, self.t_ns, self.C_EK, self.starts)
 
 
 def moving_kernels(

@@ -1,0 +1,46 @@
+"""Being asked to stop: SIGTERM and SIGHUP end a command as Ctrl-C does, but not between the renames of one set."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+ASKS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
+"""Signals by which a process is asked to stop; SIGKILL does not ask."""
+
+
+class Stopped(KeyboardInterrupt):
+    """This process was asked to stop by another signal than that of Ctrl-C."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__()
+        self.number = number
+
+
+def stop_as_by_ctrl_c() -> None:
+    """From now on SIGTERM and SIGHUP raise :class:`Stopped`, a KeyboardInterrupt, where they would end the process.
+
+    What was ignored when the process began (``nohup``) stays so.
+    """
+    for number in ASKS:
+        if number != signal.SIGINT and signal.getsignal(number) is signal.SIG_DFL:
+            signal.signal(number, _stop)
+
+
+def _stop(number: int, frame: FrameType | None) -> None:
+    raise Stopped(number)
+
+
+@contextmanager
+def uninterrupted() -> Iterator[None]:
+    """Signals that ask this thread to stop wait until the block is done."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, ASKS)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)

@@ -1,0 +1,66 @@
+"""Unfinished work on disk: folders whose names say which process on which machine is writing into them.
+
+A process that is killed leaves such a folder behind.  Whoever writes to the same place next removes it: the name tells
+that its process is gone.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import zlib
+from collections.abc import Iterator
+from itertools import count
+from pathlib import Path
+from platform import node
+
+_PREFIX = ".starplumb"
+_NAME = re.compile(rf"\{_PREFIX}-([0-9a-f]{{8}})-(\d+)-\d+\.part")
+_numbers = count()
+
+
+def new_part(folder: Path) -> Path:
+    """A new folder in ``folder`` for what this process has not finished."""
+    part = folder / f"{_PREFIX}-{_machine()}-{os.getpid()}-{next(_numbers)}.part"
+    part.mkdir()
+    return part
+
+
+def stale(folder: Path) -> Iterator[Path]:
+    """Such folders of processes of this machine that are gone."""
+    try:
+        found = [Path(entry.path) for entry in os.scandir(folder) if entry.name.startswith(_PREFIX)]
+    except OSError:
+        return
+    for part in found:
+        named = _NAME.fullmatch(part.name)
+        if named and named[1] == _machine() and not _lives(int(named[2])):
+            yield part
+
+
+def remove(part: Path, keep: str | None = None) -> None:
+    """Remove one with what it holds, as far as that can be done; of one that holds a file ``keep`` all but that."""
+    if keep is None or not (part / keep).is_file():
+        shutil.rmtree(part, ignore_errors=True)
+        return
+    for file in part.iterdir():
+        if file.name != keep:
+            file.unlink(missing_ok=True)
+
+
+def _machine() -> str:
+    """Processes of other machines, which may write to the same disk, cannot be asked whether they live."""
+    return f"{zlib.crc32(node().encode()):08x}"
+
+
+def _lives(pid: int) -> bool:
+    if os.name != "posix":  # where asking a process would end it
+        return True
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except (OSError, OverflowError):
+        return True
+    return True
