@@ -86,6 +86,7 @@ def test_budget_prints_contributions_and_writes_its_document(tmp_path):
         assert part in " ".join(printed.split())
     document = json.loads((tmp_path / "budget.json").read_text(encoding="utf-8"))
     assert document["schema"] == "starplumb-budget/1"
+    assert set(document.pop("files")) == {"report.html"}
     assert document == json.loads(call("budget", "two-images", "--target", "2.4", "--json"))
 
 
