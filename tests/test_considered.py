@@ -9,12 +9,15 @@ import pytest
 
 from helpers import CAMPAIGN, write_good_campaign
 from problems import C_EK_TRUE, FRAME, LINE, truth
+from starplumb.estimators.fit import Unknowns
 from starplumb.estimators.gls import Gls
 from starplumb.estimators.protocol import Status
 from starplumb.io.campaign.read import load_campaign
 from starplumb.io.campaign.write import write_campaign
 from starplumb.judge.calibrate import calibrate
 from starplumb.judge.error_shares import shares
+from starplumb.judge.scatter.rotations import image_rotations
+from starplumb.judge.snooping import fit_at
 from starplumb.physics import so3
 from starplumb.physics.errors import InputError
 from starplumb.session.calibration import estimator_of
@@ -119,6 +122,78 @@ def test_the_covariance_is_that_of_dense_least_squares(camera):
     plain = replace(campaign, considered=(), landmarks=replace(campaign.landmarks, correlation_length=None))
     less = Gls()(with_shared(plain, observe(plain), C_EK_TRUE), C_EK_TRUE).sigma_E
     assert np.max(sigma / less) > 1.5
+
+
+def chips(camera, length, shared_site=False):
+    """Four images of 25 chips whose reference is alike over a length, its errors five times the pixels' noise."""
+    campaign = truth(
+        camera, 4, 25, tilt_deg=20.0, yaw_deg=60.0 if camera is FRAME else 0.0, shared_site=shared_site
+    )
+    covariance_J = 20.0 * campaign.landmarks.covariance_J
+    return replace(
+        campaign, landmarks=replace(campaign.landmarks, covariance_J=covariance_J, correlation_length=length)
+    )
+
+
+def survey_errors(campaign):
+    """Cholesky factors of the survey's errors in space and of each (L, L), (L, 3, 3)."""
+    p, length = campaign.landmarks.r_J, campaign.landmarks.correlation_length
+    alike = np.exp(-np.linalg.norm(p[:, None] - p, axis=-1) / length)
+    return np.linalg.cholesky(alike), np.linalg.cholesky(campaign.landmarks.covariance_J)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("camera", "length", "shared_site"), [(FRAME, 3e3, False), (LINE, 20e3, False), (FRAME, 3e3, True)]
+)
+def test_many_neighbours_are_what_images_see_of_them(camera, length, shared_site):
+    """By dense least squares with the whole covariance of a survey: sigma to 1e-3, residuals one by one nearly so."""
+    campaign = chips(camera, length, shared_site)
+    o, few = observe(campaign), with_shared(campaign, observe(campaign), C_EK_TRUE)
+    assert few.common_px.shape[-1] <= 80
+    assert set(few.common_of) == {"neighbours"}
+    model, (in_space, own) = linearise(o, C_EK_TRUE), survey_errors(campaign)
+    by_draw = model.R @ own[o.landmark]
+    K = np.einsum("nij,mkj->nimk", by_draw, by_draw)
+    K = K * (in_space @ in_space.T)[o.landmark][:, o.landmark][:, None, :, None]
+    V = np.array(K)
+    for i, j in np.argwhere(o.image[:, None] == o.image):
+        V[i, :, j] += model.H[i] @ o.cov_attitude_E[o.image[i]] @ model.H[j].T
+        V[i, :, j] += model.R[i] @ o.cov_position_J[o.image[i]] @ model.R[j].T
+    V = V.reshape(2 * o.n, -1) + np.diag(np.repeat(o.sigma_px**2, 2))
+    H = model.H.reshape(-1, 3)
+    dense = np.linalg.inv(H.T @ np.linalg.solve(V, H))
+    sigma = np.sqrt(np.diag(dense))
+    unit = sigma * sigma[:, None]
+    np.testing.assert_allclose(Gls()(few, C_EK_TRUE).covariance_E / unit, dense / unit, atol=1e-3)
+    single = few.common_px @ few.common_px.mT + model.R @ few.cov_landmark_J[o.landmark] @ model.R.mT
+    whole = K[np.arange(o.n), :, np.arange(o.n)]
+    spread = [np.trace(M, axis1=1, axis2=2) for M in (single, whole)]
+    if not shared_site:  # a landmark that its neighbours explain more than whole may have somewhat more
+        assert np.median(spread[0] / spread[1]) == pytest.approx(1.0, abs=2e-3)
+        assert np.all(spread[0] > 0.98 * spread[1])
+        assert np.all(spread[0] < 1.2 * spread[1])
+    plain = Gls()(o, C_EK_TRUE).sigma_E
+    assert np.max(np.abs(plain / sigma - 1.0)) > 0.05
+
+
+@pytest.mark.slow
+def test_the_scatter_within_images_is_what_neighbours_leave(rng):
+    """Its squares over their degrees of freedom are one on average, and vary as those of a chi-square."""
+    campaign = chips(FRAME, 8e3)
+    o, (in_space, own) = observe(campaign), survey_errors(campaign)
+    stated = with_shared(campaign, o, C_EK_TRUE)
+    ratio = []
+    for _ in range(150):
+        errors = Errors.draw(o, rng)
+        pi_J = np.einsum("lij,lj->li", own, in_space @ rng.standard_normal((o.n_landmarks, 3)))
+        table = measure(stated, C_EK_TRUE, replace(errors, pi_J=pi_J))
+        estimate = Gls()(table, C_EK_TRUE)
+        found = image_rotations(fit_at(Unknowns(), table, C_EK_TRUE, estimate, np.ones(o.n, dtype=bool)))
+        ratio.append(found.squares / found.degrees)
+    spread = np.sqrt(2.0 / found.degrees)
+    assert np.mean(ratio) == pytest.approx(1.0, abs=4.0 * spread / np.sqrt(150))
+    assert np.std(ratio) == pytest.approx(spread, rel=0.25)
 
 
 @pytest.mark.slow

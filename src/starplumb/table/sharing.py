@@ -28,7 +28,7 @@ from ..physics.orbit import GM_EARTH
 from ..physics.series import Attitude
 from .campaign import Campaign
 from .considered import considered_sources
-from .equation import linearise
+from .equation import Linearised, linearise
 from .error_sources import Field, Source, as_stated, common_columns
 from .geometry import position_axes
 from .observations import Observations
@@ -40,8 +40,14 @@ MOST_NUMBERS = 1 << 26
 """Doubles (0.5 GB) in what one sigma of each shared error does to each sighting."""
 FORGOTTEN = 20.0
 """Correlation times after which a process remembers nothing (2e-9)."""
+FEW_NEIGHBOURS = 40
+"""Landmarks whose errors, correlated over a distance, are three unknowns each; of more, what images see of them."""
 MOST_NEIGHBOURS = 1_000
-"""Landmarks whose errors may be correlated over a distance: each is then three unknowns of all images."""
+"""Landmarks of a scenario whose errors may be drawn correlated over a distance."""
+MOST_SHAPES = 400
+"""Sums over images for which their covariance is exact, more only where each has but six."""
+ROUNDS, SETTLED = 60, 1e-4
+"""Rounds in which what is a landmark's own is found at most, and its change at which that has been."""
 NEGLIGIBLE = 1e-10
 """Share of a process's variance that a draw may carry and yet be left out."""
 
@@ -84,9 +90,11 @@ def with_shared(campaign: Campaign, o: Observations, C_EK: Array | Callable[[], 
     many sightings for so many errors.
     """
     sources = shared_sources(campaign, o)
-    if not sources:
+    near = _many_neighbours(campaign, o)
+    if not sources and not near:
         return o
     draws = sum(source.groups * source.component.size for source in sources)
+    draws += max(MOST_SHAPES, 6 * o.n_images) if near else 0
     if 2 * o.n * draws > MOST_NUMBERS:
         raise InputError(
             f"campaign {campaign.name!r}: found {o.n} sightings that share {draws} errors, wanted at most "
@@ -100,11 +108,24 @@ def with_shared(campaign: Campaign, o: Observations, C_EK: Array | Callable[[], 
         own["cov_position_J"] = np.zeros_like(o.cov_position_J)
     if campaign.landmarks.correlation_length is not None:
         own["cov_landmark_J"] = np.zeros_like(o.cov_landmark_J)
-    return replace(o, **common_columns(sources, o, linearise(o, mounting)), **own)
+    model = linearise(o, mounting)
+    stated = replace(o, **common_columns(sources, o, model), **own)
+    return _with_neighbours(campaign, o, stated, model) if near else stated
+
+
+def _with_neighbours(c: Campaign, o: Observations, stated: Observations, model: Linearised) -> Observations:
+    """The table ``stated`` of ``o`` with the errors that many landmarks have in common with their neighbours."""
+    share, columns = _neighbourly(c, o, model)
+    names = (*(stated.common_of or ()), *["neighbours"] * columns.shape[-1])
+    if stated.common_px is not None:
+        columns = np.concatenate([stated.common_px, columns], axis=-1)
+    own = share[:, None, None] * o.cov_landmark_J
+    return replace(stated, common_px=columns, common_of=names, cov_landmark_J=own)
 
 
 def shared_sources(campaign: Campaign, o: Observations) -> tuple[Source, ...]:
-    """The errors of a campaign that its table does not have a place of their own for."""
+    """The errors of a campaign that its table does not have a place of their own for, those of many neighbouring
+    landmarks left aside."""
     own = (*_attitude(campaign, o), *_position(campaign), *_landmarks(campaign), *_times(campaign))
     return (*own, *considered_sources(campaign, o))
 
@@ -164,10 +185,83 @@ def _landmarks(c: Campaign) -> Iterator[Source]:
     if landmarks.common_sigma is not None:
         latitude, longitude, _ = itrf_to_geodetic(landmarks.r_J)
         yield as_stated("survey", "pi_J", C_JT(latitude, longitude) * landmarks.common_sigma, survey)
-    if landmarks.correlation_length is not None:
+    seen = np.unique(c.sightings.landmark)
+    if landmarks.correlation_length is not None and seen.size <= FEW_NEIGHBOURS:
         L = square_root(landmarks.covariance_J)
-        seen = np.unique(c.sightings.landmark)
         yield neighbours(landmarks.r_J, L, seen, survey, landmarks.correlation_length)
+
+
+def _many_neighbours(c: Campaign, o: Observations) -> bool:
+    """Whether the errors of landmarks are correlated over a distance, of more than are worth three columns each."""
+    return c.landmarks.correlation_length is not None and np.unique(o.landmark).size > FEW_NEIGHBOURS
+
+
+def _neighbourly(c: Campaign, o: Observations, model: Linearised) -> tuple[Array, Array]:
+    """Errors of landmarks correlated by ``exp(-distance / length)``, in as few columns as answers depend on: the share
+    of its stated covariance that is a landmark's own (L,), and the rest as errors in common (n, 2, r), px.
+
+    An answer sees a survey by what it does to whole images: sums F^T z of an image's residuals, weighted by the noise,
+    times shapes 1, x, y, ... of the pixels.  With K the covariance of all residuals by the survey and D the part of
+    it that is landmarks' own::
+
+        K ~ D + (K - D) F [F^T (K - D) F]^-1 F^T (K - D)
+
+    is exact for all these sums, whatever D is, and D is chosen so that it is for each residual too (Nystroem's
+    approximation; D is iterated like the uniquenesses of a factor analysis).
+    """
+    A = model.R @ square_root(c.landmarks.covariance_J)[o.landmark]  # px by a unit error
+    F, KF, own = _seen_by_images(c, o, A)
+    size = np.maximum(np.vecdot(A, A).sum(axis=-1), 1e-300)
+    count = np.maximum(np.bincount(o.landmark, minlength=o.n_landmarks), 1)
+    share, U = np.ones(o.n_landmarks), KF
+    for _ in range(ROUNDS):
+        left = KF - share[o.landmark, None, None] * own
+        values, vectors = np.linalg.eigh(np.einsum("nip,niq->pq", F, left, optimize=True))
+        kept = values > NEGLIGIBLE * max(float(values[-1]), 0.0)
+        U, before = left @ (vectors[:, kept] / np.sqrt(values[kept])), share
+        explained = np.vecdot(U, U).sum(axis=-1) / size
+        share = np.clip(1.0 - np.bincount(o.landmark, explained, o.n_landmarks) / count, 0.0, 1.0)
+        if np.max(np.abs(share - before)) < SETTLED:
+            break
+    return before, U
+
+
+def _seen_by_images(c: Campaign, o: Observations, A: Array) -> tuple[Array, Array, Array]:
+    """F, K F and D F (n, 2, r), D the whole covariance of each landmark; A (n, 2, 3) as above."""
+    landmarks, length = c.landmarks, float(c.landmarks.correlation_length or 1.0)
+    survey = numbered(landmarks.sources or ("",) * o.n_landmarks)
+    seen, place = np.unique(o.landmark, return_inverse=True)
+    weight, images = np.linalg.inv(o.noise_px + A @ A.mT), np.unique(o.image)
+    pixel = np.stack([c.sightings.column_px, c.sightings.row_px], axis=-1)
+    degree = next((d for d in (3, 2, 1) if images.size * (d + 1) * (d + 2) <= MOST_SHAPES), 1)
+    columns: list[tuple[Array, Array, Array]] = []
+    for image in images:
+        rows = np.flatnonzero(o.image == image)
+        shapes = weight[rows] @ _polynomials(pixel[rows], degree)
+        mine, at = np.unique(o.landmark[rows], return_inverse=True)
+        sums = np.zeros((mine.size, 3, shapes.shape[-1]))
+        np.add.at(sums, at, A[rows].mT @ shapes)
+        apart = landmarks.r_J[seen][:, None] - landmarks.r_J[mine]
+        alike = np.exp(-np.sqrt(np.vecdot(apart, apart)) / length) * (survey[seen][:, None] == survey[mine])
+        same = np.zeros((seen.size, *sums.shape[1:]))
+        same[np.searchsorted(seen, mine)] = sums
+        F = np.zeros((o.n, 2, shapes.shape[-1]))
+        F[rows] = shapes
+        columns.append((F, A @ np.tensordot(alike, sums, axes=1)[place], A @ same[place]))
+    F, KF, own = (np.concatenate(parts, axis=-1) for parts in zip(*columns, strict=True))
+    return F, KF, own
+
+
+def _polynomials(pixel: Array, degree: int) -> Array:
+    """Independent shifts of column and row (n, 2, s) that are polynomials of the pixels (n, 2)."""
+    middle = pixel - pixel.mean(axis=0)
+    x, y = middle.T / max(float(np.abs(middle).max()), 1.0)
+    powers = np.stack([x**i * y**j for i in range(degree + 1) for j in range(degree + 1 - i)], axis=-1)
+    shapes, sizes, _ = np.linalg.svd(powers, full_matrices=False)
+    shapes = shapes[:, sizes > 1e-6 * sizes[0]]
+    both = np.zeros((len(pixel), 2, 2, shapes.shape[1]))
+    both[:, 0, 0] = both[:, 1, 1] = shapes
+    return both.reshape(len(pixel), 2, -1)
 
 
 def neighbours(r_J: Array, L: Array, seen: Index, survey: Index, length: float) -> Source:
@@ -175,7 +269,7 @@ def neighbours(r_J: Array, L: Array, seen: Index, survey: Index, length: float) 
     ``exp(-distance / length)`` within each ``survey`` (n,)."""
     if seen.size > MOST_NEIGHBOURS:
         raise InputError(
-            f"landmarks.correlation_length_m: found {seen.size} landmarks seen, wanted at most {MOST_NEIGHBOURS} "
+            f"landmarks.correlation_length_m: found {seen.size} landmarks, wanted at most {MOST_NEIGHBOURS} "
             "whose errors are correlated over a distance"
         )
     apart = r_J[seen][:, None] - r_J[seen]

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...estimators.consensus import own_covariance
 from ...estimators.fit import Fit
 from ...estimators.image_sums import ImageSums, image_sums
 from ...physics.covariance import square_root
@@ -32,7 +33,8 @@ class ImageRotations:
     ``common`` (m, 3, p) is what the errors in common, named ``common_of``, do to them, ``landmarks`` (m, 3, 3 q) what
     those of landmarks seen again do, which is part of ``sightings_E`` too, and ``per_second_E`` (m, 3) rad/s what a
     time too late does.  ``squares`` is the sum of the weighted
-    squares within the images, with ``degrees`` of freedom; ``image`` (m,) are the images, ``sigma_px`` that of their
+    squares within the images, with ``degrees`` of freedom, errors in common among them; ``image`` (m,) are the images,
+    ``sigma_px`` that of their
     sightings.
     """
 
@@ -46,7 +48,7 @@ class ImageRotations:
     per_second_E: Array
     common_of: tuple[str, ...]
     squares: float
-    degrees: int
+    degrees: float
     sigma_px: float
 
     @property
@@ -85,12 +87,10 @@ def image_rotations(fit: Fit) -> ImageRotations | None:
     if len(columns[0]) < 2:
         return None
     names = o.common_of or ("",) * columns[5].shape[-1]
-    squares, degrees = (sum(one[k] for one in found) for k in (-2, -1))
+    squares, degrees = _with_common(*(sum(one[k] for one in found) for k in (-3, -2, -1)))
     sigma = float(np.sqrt(np.mean(o.sigma_px**2)))
     fields = dict(zip(_PER_IMAGE, columns, strict=True))
-    return ImageRotations(
-        **fields, common_of=names, squares=float(squares), degrees=int(degrees), sigma_px=sigma
-    )
+    return ImageRotations(**fields, common_of=names, squares=squares, degrees=degrees, sigma_px=sigma)
 
 
 def _of_part(linear: Linear, place: Index) -> tuple[Any, ...]:
@@ -102,9 +102,10 @@ def _of_part(linear: Linear, place: Index) -> tuple[Any, ...]:
     image, b = sums_of.image[fixed], sums_of.b[fixed]
     Q = np.linalg.inv(sums_of.N[fixed])
     gain = Q @ sums_of.toward[fixed]
-    common = np.zeros((image.size, 3, 0))
+    common, within = np.zeros((image.size, 3, 0)), np.zeros((0, 0))
     if o.common_px is not None:
-        common = -(Q @ sums_of.of(sums_of.HW @ o.common_px[rows])[fixed])
+        HWC = sums_of.of(sums_of.HW @ o.common_px[rows])[fixed]
+        common, within = -(Q @ HWC), _within(o, model, sums_of) - np.sum(HWC.mT @ Q @ HWC, axis=0)
     landmarks = Q @ _of_landmarks(o, model, sums_of, place)[fixed]
     moved = model.H[rows] @ o.omega_E[rows, :, None] - model.R[rows] @ o.v_J[rows, :, None]
     per_second = Q @ sums_of.of(sums_of.HW @ moved)[fixed]
@@ -112,7 +113,25 @@ def _of_part(linear: Linear, place: Index) -> tuple[Any, ...]:
     position = gain @ o.cov_position_J[image] @ gain.mT
     degrees = np.sum(2 * sums_of.count[fixed] - 3)
     d_E, attitude = -(Q @ b)[..., 0], o.cov_attitude_E[image]
-    return image, d_E, Q, attitude, position, common, landmarks, per_second[..., 0], squares, degrees
+    own = (image, d_E, Q, attitude, position, common, landmarks, per_second[..., 0])
+    return (*own, squares, degrees, within)
+
+
+def _within(o: Observations, model: Linearised, images: ImageSums) -> Array:
+    """Sum of ``C^T W C`` (p, p) over the images that fix a rotation, C what the errors in common do."""
+    rows = images.rows[np.repeat(images.fixed, images.count)]
+    root = np.linalg.cholesky(np.linalg.inv(own_covariance(o, model)[rows])).mT
+    C = (root @ (0.0 if o.common_px is None else o.common_px[rows])).reshape(2 * rows.size, -1)
+    return np.asarray(C.T @ C)
+
+
+def _with_common(squares: float, degrees: int, within: Array) -> tuple[float, float]:
+    """Squares and degrees of freedom of a chi-square like what is left within the images, to which the errors in common
+    add: with ``within`` (p, p) what they do there, of trace a and square b, the squares are ``(n + a)`` on average and
+    their variance is ``2 (n + 2 a + b)``."""
+    a, b = float(np.trace(within)), float(np.sum(within**2))
+    scale = (degrees + a) / (degrees + 2.0 * a + b) if degrees else 1.0
+    return float(squares) * scale, (degrees + a) * scale
 
 
 def _of_landmarks(o: Observations, model: Linearised, images: ImageSums, place: Index) -> Array:

@@ -45,7 +45,7 @@ class Component:
     common: Array
     stated: float = 1.0
     squares: float = 0.0
-    degrees: int = 0
+    degrees: float = 0.0
     drawn_anew: bool = False
 
     def spread(self, gain: Array) -> Array:
