@@ -1,0 +1,164 @@
+"""From raw images to sightings: images acquired together, refined one by one, their chips matched and compared."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .acquisition import Acquisition, acquire
+from .candidates import candidate_places
+from .chips import Chip, chips
+from .pointing import Pointing, pointed
+from .scene import Scene, reduced
+from .search import Found, refine
+from .verdicts import Brightness, Candidate, Verdict
+
+Array = NDArray[np.float64]
+
+TOLERANCE_PX = 0.75
+"""Chips of an image agree within this before their sigmas are asked."""
+OUTLIER = 4.5
+"""Sigmas from its image's rotation beyond which a chip is left out."""
+LEAST_CHIPS = 4
+AGAIN_PX = 0.5
+"""Chips that lie farther than this from where they were predicted are matched again where they lie."""
+RIM_PX = 8
+"""Pixels kept free at the border of an image."""
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """How chips are asked for: their size, how many along each side of an image, the part kept for checking."""
+
+    chip_px: int = 48
+    grid: tuple[int, int] = (7, 7)
+    check_share: float = 0.2
+
+
+@dataclass(frozen=True)
+class MeasuredImage:
+    """An image with its chips: ``C_EK`` (3, 3) is its own rotation; ``reason`` says why it was left out, else empty.
+
+    ``floor_px`` is what chips scatter beyond their own sigmas.
+    """
+
+    image: int
+    C_EK: Array
+    found: Found
+    chips: tuple[Chip, ...]
+    floor_px: float = 0.0
+    reason: str = ""
+
+    @property
+    def used(self) -> list[Candidate]:
+        return [chip.candidate for chip in self.chips if chip.candidate.verdict == Verdict.USED]
+
+
+def sigma_in_camera(C_EK: Array, covariance_E: Array) -> Array:
+    """Sigmas (3,) about K's axes of a mounting whose error has this covariance about E's."""
+    return np.asarray(np.sqrt(np.diagonal(C_EK.mT @ covariance_E @ C_EK)))
+
+
+def measure_images(
+    scene: Scene, covariance_E: Array, own_E: Array, wanted: Wanted
+) -> Iterator[MeasuredImage]:
+    """The images of a scene one after another, those that cannot be acquired without chips.
+
+    What is searched are the errors of the mounting, ``covariance_E`` (3, 3) rad^2, and of each image's own attitude and
+    position, ``own_E`` (3, 3) rad^2, about E's axes.
+    """
+    mounting_K = sigma_in_camera(scene.campaign.C_EK, covariance_E)
+    own_K = sigma_in_camera(scene.campaign.C_EK, own_E)
+    acquired = acquire(scene, mounting_K, own_K)
+    sigma_K = np.hypot(mounting_K, own_K)
+    for image in range(len(scene.raws)):
+        yield measure_image(scene, acquired, image, sigma_K, wanted)
+
+
+def measure_image(
+    scene: Scene, acquired: Acquisition, image: int, sigma_K: Array, wanted: Wanted
+) -> MeasuredImage:
+    """One image of those that were acquired together."""
+    if not acquired.clear:
+        tall = f"{acquired.together.height:.1f} sigma, and the next {acquired.together.second:.1f}"
+        reason = f"no place of the search stands out (the best by {tall}): wrong reference, band or prior, or cloud"
+        start = acquired.C_EK[image]
+        return MeasuredImage(image, start, Found(start, 0, 0, reason), (), reason=reason)
+    found = refine(scene, acquired.C_EK[image], image, acquired.cell_px, sigma_K)
+    if found.reason:
+        return MeasuredImage(image, found.C_EK, found, (), reason=found.reason)
+    raw = scene.raws[image]
+    places = candidate_places(raw, wanted.grid, wanted.chip_px, RIM_PX)
+    brightness = Brightness.of(reduced(raw, max(1, max(raw.size_px) // 256)))
+    done = chips(scene, found.C_EK, image, places, wanted.chip_px, brightness)
+    fitted = _fitted(scene, found.C_EK, image, done, sigma_K)
+    if fitted is not None and np.abs(_moved(done)).max() > AGAIN_PX:
+        # far from where they were predicted the chips' affine tells their place less well
+        done = chips(scene, fitted.C_EK, image, places, wanted.chip_px, brightness)
+        fitted = _fitted(scene, fitted.C_EK, image, done, sigma_K)
+    return _too_few(image, found, done) if fitted is None else _told(image, found, done, fitted, wanted)
+
+
+def _moved(done: list[Chip]) -> Array:
+    """How far chips (n, 2) that matched were found from where they were predicted, their median."""
+    used = [chip.candidate for chip in done if chip.candidate.verdict == Verdict.USED]
+    return np.asarray(np.median([c.pixel - c.place for c in used], axis=0))
+
+
+def _too_few(image: int, found: Found, done: list[Chip]) -> MeasuredImage:
+    used = sum(chip.candidate.verdict == Verdict.USED for chip in done)
+    reason = f"{used} of {len(done)} chips match, too few that agree about where it looked"
+    return MeasuredImage(image, found.C_EK, found, tuple(done), reason=reason)
+
+
+def _fitted(scene: Scene, C_EK: Array, image: int, done: list[Chip], sigma_K: Array) -> Pointing | None:
+    """The rotation by the chips that matched; None where fewer than four agree."""
+    used = [chip.candidate for chip in done if chip.candidate.verdict == Verdict.USED]
+    if len(used) < LEAST_CHIPS:
+        return None
+    pixel, p_J = np.array([c.pixel for c in used]), np.array([c.p_J for c in used])
+    fitted = pointed(scene.campaign, C_EK, image, pixel, p_J, TOLERANCE_PX, sigma_K)
+    return fitted if fitted.agrees.sum() >= LEAST_CHIPS else None
+
+
+def _told(image: int, found: Found, done: list[Chip], fitted: Pointing, wanted: Wanted) -> MeasuredImage:
+    """The chips with their residuals; those that contradict the others are left out."""
+    used = [k for k, chip in enumerate(done) if chip.candidate.verdict == Verdict.USED]
+    variance = np.array([np.diagonal(done[k].candidate.covariance) for k in used]).reshape(-1, 2)
+    floor = floor_of(fitted.residual_px[fitted.agrees], variance[fitted.agrees])
+    told, order = list(done), 0
+    every = round(1.0 / wanted.check_share) if wanted.check_share > 0.0 else 0
+    for k, left, own in zip(used, fitted.residual_px, variance, strict=True):
+        candidate = replace(done[k].candidate, residual_px=left)
+        off = np.abs(left) / np.sqrt(own + floor**2)
+        if off.max() > OUTLIER:
+            reason = f"{np.hypot(*left):.2f} px ({off.max():.1f} sigma) from where the other chips of its image put it"
+            candidate = replace(candidate, verdict=Verdict.OUTLIER, reason=reason)
+        else:
+            order += 1
+            candidate = replace(candidate, check=every > 0 and order % every == 0)
+        told[k] = replace(done[k], candidate=candidate)
+    return MeasuredImage(image, fitted.C_EK, found, tuple(told), floor)
+
+
+def floor_of(residual: Array, variance: Array, parameters: int = 3) -> float:
+    """What residuals (n, 2) scatter beyond their own variances (n, 2): the s for which the median of
+    ``|r| / sqrt(v + s^2)`` is that of a normal law, with the freedom that ``parameters`` fitted ones take."""
+    n = residual.size
+    if n <= 2 * parameters:
+        return 0.0
+    wanted = 0.6745 * float(np.sqrt(1.0 - parameters / n))
+
+    def over(s: float) -> bool:
+        return float(np.median(np.abs(residual) / np.sqrt(variance + s**2))) > wanted
+
+    if not over(0.0):
+        return 0.0
+    low, high = 0.0, float(np.abs(residual).max()) / wanted + 1e-9
+    for _ in range(50):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if over(middle) else (low, middle)
+    return high

@@ -1,0 +1,196 @@
+"""The chips of one image, whose place is known to about a pixel: matched by least squares, or refused in words."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .candidates import structure
+from .matching.least_squares import Match, match
+from .matching.orientation import RIM_PX, agreement, orientation
+from .matching.template import Template
+from .pictures import Picture
+from .prediction import Piece, pieces
+from .scene import Scene
+from .search import located
+from .verdicts import Brightness, Candidate, Verdict
+
+Array = NDArray[np.float64]
+
+STEP_PX = 0.5
+"""Spacing of a template's samples: at a whole pixel errors and sigmas double."""
+SEARCH_PX = 5
+"""A chip is first looked for so many pixels around, to see that its place is the best there is."""
+MARGIN_PX = 6
+AGREES = 0.25
+"""Pixels around which window and template agree less than this are left out of the match."""
+LEAST_AGREEING = 0.25
+LEAST_KEPT = 0.2
+"""Parts of a chip's pixels that must agree at first, and bear weight in the end."""
+LEAST_AGREEMENT = 0.5
+"""Weighted correlation of window and template that a match must have."""
+MOST_SIGMA_PX = 0.5
+FULL = 0.1
+"""Part of a chip's pixels that may be saturated."""
+MISSING = 0.3
+"""Part that may lack data, in the window or in the reference."""
+_FLAT = 0.05
+"""A chip has no texture where its structure is this part of the median chip's."""
+
+
+@dataclass(frozen=True)
+class Chip:
+    """A candidate and what is kept of it for the eye."""
+
+    candidate: Candidate
+    picture: Picture | None
+
+
+def chips(
+    scene: Scene,
+    C_EK: Array,
+    image: int,
+    places: Array,
+    chip_px: int,
+    brightness: Brightness,
+    name: str = "{image_id}-{number}",
+) -> list[Chip]:
+    """A chip for each place (n, 2) of an image whose rotation puts it on its ground to a pixel or two."""
+    reach = 0.5 * chip_px + SEARCH_PX + RIM_PX + MARGIN_PX
+    below = pieces(scene, C_EK, image, places, reach, STEP_PX)
+    rim = RIM_PX
+    size = chip_px + 2 * rim
+    first = np.rint(places - 0.5 * (size - 1)).astype(int).tolist()
+    windows = [scene.raws[image].window(column, row, size, size) for column, row in first]
+    flat = _FLAT * float(np.median([structure(w) for w in windows])) if windows else 0.0
+    found = []
+    for number, (place, piece, window) in enumerate(zip(places, below, windows, strict=True)):
+        candidate = Candidate(image, number, place, place, Verdict.NO_MATCH)
+        ids = scene.campaign.images.ids[image]
+        label = name.format(image_id=ids, number=f"{number:03d}")
+        found.append(_chip(scene, candidate, piece, window, brightness, flat, (ids, label)))
+    return found
+
+
+def _chip(
+    scene: Scene,
+    candidate: Candidate,
+    piece: Piece | None,
+    window: Array,
+    brightness: Brightness,
+    flat: float,
+    ids: tuple[str, str],
+) -> Chip:
+    inner = window[RIM_PX:-RIM_PX, RIM_PX:-RIM_PX]
+    if piece is None or piece.known < 1.0 - MISSING:
+        reason = "the reference or the heights do not cover its ground"
+        return Chip(replace(candidate, verdict=Verdict.NO_REFERENCE, reason=reason), None)
+    candidate = replace(candidate, p_J=piece.p_J)
+    seen = _sampled(piece, inner.shape[0])
+    picture = Picture(*ids, seen.astype(np.float32), inner.astype(np.float32))
+    if (refused := _unfit(scene, inner, window, brightness, flat)) is not None:
+        return Chip(replace(candidate, verdict=refused[0], reason=refused[1]), picture)
+    coarse = Piece(piece.samples[::2, ::2], 1.0, piece.p_J)
+    best, surface = located(window, coarse, SEARCH_PX)
+    away = tuple(float(x) for x in best.shift)
+    picture = replace(picture, surface=surface.astype(np.float32), peak=(away[0], away[1]))
+    candidate = replace(candidate, peak=best.height, second=best.second)
+    found, reason = _matched(piece, window, candidate.pixel)
+    if found is None:
+        verdict = Verdict.NO_MATCH
+        if reason == _UNLIKE:
+            bright = float(np.nanmean(inner)) >= brightness.high > brightness.median
+            verdict, reason = (Verdict.CLOUD, _BRIGHT) if bright else (Verdict.CHANGED, reason)
+        return Chip(replace(candidate, verdict=verdict, reason=reason), picture)
+    return _judged(candidate, picture, found, inner.shape[0])
+
+
+_UNLIKE = (
+    "the window and the reference agree in too few of its pixels: changed ground, cloud or another season"
+)
+_BRIGHT = "bright, and unlike the reference: cloud"
+
+
+def _unfit(
+    scene: Scene, inner: Array, window: Array, brightness: Brightness, flat: float
+) -> tuple[Verdict, str] | None:
+    """Why a window is not worth matching."""
+    known = np.isfinite(inner)
+    if np.mean(known) < 1.0 - MISSING:
+        return Verdict.EDGE, f"{100.0 * (1.0 - np.mean(known)):.0f} % of its pixels have no data"
+    if scene.saturation_dn is not None:
+        full = float(np.mean(inner[known] >= scene.saturation_dn))
+        if full > FULL:
+            return Verdict.SATURATED, f"{100.0 * full:.0f} % of its pixels are saturated"
+    if not structure(window) > flat:
+        return brightness.bare(inner)
+    return None
+
+
+def _sampled(piece: Piece, size: int) -> Array:
+    """The piece at the pixels (n, n) of the window, as it was predicted."""
+    at = 0.5 * (piece.samples.shape[0] - 1.0) + (np.arange(size) - 0.5 * (size - 1.0)) / STEP_PX
+    rows = np.rint(at).astype(int)
+    return piece.samples[np.ix_(rows, rows)]
+
+
+def _matched(piece: Piece, window: Array, middle: Array) -> tuple[Match | None, str]:
+    """The match of a window with a rim; its place counts from the window's first pixel inside the rim."""
+    known = np.isfinite(piece.samples)
+    level = float(np.mean(piece.samples[known]))
+    template = Template(np.where(known, piece.samples, level), STEP_PX)
+    size = window.shape[0]
+    there = _sampled(piece, size)
+    alike = agreement(orientation(window), orientation(there))
+    use = (alike > AGREES) & np.isfinite(window) & np.isfinite(there)
+    inside = slice(RIM_PX, size - RIM_PX)
+    use = use[inside, inside]
+    if np.mean(use) < LEAST_AGREEING:
+        return None, _UNLIKE
+    inner = window[inside, inside]
+    found = match(template, inner, 0.5 * (np.array(inner.shape[::-1]) - 1.0), use)
+    if found is None:
+        return None, "no place within a few pixels where the match comes to rest"
+    return found, ""
+
+
+def _judged(candidate: Candidate, picture: Picture, found: Match, size: int) -> Chip:
+    """A match, accepted or refused by what it says of itself."""
+    picture = replace(
+        picture,
+        residual=found.residual.astype(np.float32),
+        weight=found.weight.astype(np.float32),
+        covariance_px2=_pairs(found.covariance_px2),
+    )
+    candidate = replace(
+        candidate,
+        agreement=found.agreement,
+        kept=found.kept,
+        gain=found.gain,
+        blur_px=found.blur_px,
+    )
+    sigma = float(np.sqrt(np.linalg.eigvalsh(found.covariance_px2)[-1]))
+    away = found.place_px - 0.5 * (size - 1.0)
+    if abs(found.agreement) < LEAST_AGREEMENT:
+        reason = f"the window is like the reference to {abs(found.agreement):.2f} only"
+        return Chip(replace(candidate, verdict=Verdict.NO_MATCH, reason=reason), picture)
+    if found.kept < LEAST_KEPT:
+        reason = f"{100.0 * found.kept:.0f} % of its pixels only are like the reference"
+        return Chip(replace(candidate, verdict=Verdict.CHANGED, reason=reason), picture)
+    if sigma > MOST_SIGMA_PX:
+        reason = f"its place has a sigma of {sigma:.2g} px along one direction"
+        return Chip(replace(candidate, verdict=Verdict.NO_TEXTURE, reason=reason), picture)
+    placed = replace(
+        candidate,
+        verdict=Verdict.USED,
+        pixel=candidate.pixel + away,
+        covariance_px2=found.covariance_px2,
+    )
+    return Chip(placed, picture)
+
+
+def _pairs(covariance: Array) -> tuple[tuple[float, float], tuple[float, float]]:
+    a, b, c, d = (float(x) for x in covariance.ravel())
+    return (a, b), (c, d)

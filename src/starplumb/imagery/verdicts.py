@@ -1,0 +1,87 @@
+"""What became of a place at which a chip was looked for, in a word and a sentence."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+class Verdict(StrEnum):
+    """``used``, or why not."""
+
+    USED = "used"
+    CLOUD = "cloud"
+    WATER = "water"
+    NO_TEXTURE = "no texture"
+    CHANGED = "changed"
+    NO_MATCH = "no match"
+    EDGE = "edge"
+    NO_REFERENCE = "no reference"
+    SATURATED = "saturated"
+    OUTLIER = "outlier"
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A place at which a chip was looked for.
+
+    ``place`` (2,) is the middle of the window, where its ground point ``p_J`` (3,) was expected, ``pixel`` (2,) where
+    it was found, the same where it was refused; ``covariance_px2`` (2, 2) of what matching does not know, None where
+    refused; ``residual_px`` (2,) is what the image's own rotation leaves.
+    """
+
+    image: int
+    number: int
+    place: Array
+    pixel: Array
+    verdict: Verdict
+    reason: str = ""
+    p_J: Array | None = None
+    covariance_px2: Array | None = None
+    peak: float = np.nan
+    second: float = np.nan
+    agreement: float = np.nan
+    kept: float = np.nan
+    gain: float = np.nan
+    blur_px: float = np.nan
+    residual_px: Array | None = None
+    check: bool = False
+
+    @property
+    def covariance(self) -> Array:
+        """That of the place (2, 2) px^2, NaN where it was refused."""
+        return np.full((2, 2), np.nan) if self.covariance_px2 is None else self.covariance_px2
+
+
+@dataclass(frozen=True)
+class Brightness:
+    """What an image's pixels are like: the level below which a twentieth of them lies, the median, and that above which
+    a twentieth lies; and the texture of an average chip, the standard deviation of its values."""
+
+    low: float
+    median: float
+    high: float
+    texture: float
+
+    @classmethod
+    def of(cls, values: Array) -> Brightness:
+        """Of an image (h, w), binned or not; NaN is no data."""
+        known = values[np.isfinite(values)]
+        if not known.size:
+            return cls(np.nan, np.nan, np.nan, np.nan)
+        low, median, high = np.quantile(known, (0.05, 0.5, 0.95))
+        return cls(float(low), float(median), float(high), float(np.std(known)))
+
+    def bare(self, window: Array) -> tuple[Verdict, str]:
+        """What a window without texture shows: it is told by its brightness among that of its image."""
+        level = float(np.nanmean(window))
+        if level >= 0.5 * (self.median + self.high) and self.high > self.median:
+            return Verdict.CLOUD, f"bright (mean {level:.4g}) and without texture: cloud, snow or sand"
+        if level <= 0.5 * (self.median + self.low) and self.low < self.median:
+            return Verdict.WATER, f"dark (mean {level:.4g}) and without texture: water or deep shadow"
+        return Verdict.NO_TEXTURE, f"without texture (mean {level:.4g}): nothing to find a place by"
