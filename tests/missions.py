@@ -67,8 +67,8 @@ def mission(
     for k, day in enumerate(days):
         errors = replace(Errors.draw(table, rng), pi_J=site)
         if moved_arcsec is not None:
-            # the camera sees by exp(turn) C_EK_TRUE: the attitude is off by as much the other way
-            errors = replace(errors, alpha_E=errors.alpha_E - moved_arcsec[k] * ARCSEC)
+            # an attitude that is off by exp(a) shows a mounting of exp(a) C_EK_TRUE
+            errors = replace(errors, alpha_E=errors.alpha_E + moved_arcsec[k] * ARCSEC)
         found = later(earth_fixed(scene.measured(true, errors, MODEL)), day)
         named = replace(found, name=f"day {day:g}")
         paths.append(write_campaign(folder / f"c{k}", named, tracker="star_tracker"))

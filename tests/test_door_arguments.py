@@ -72,6 +72,8 @@ class Made:
             "open_archive": {"path": self.archive.path},
             "Archive.add": {"what": self.result},
             "Archive.withdraw": {"campaign": "0000", "reason": "a test"},
+            "Archive.event": {"time": "2026-01-01T00:00:00", "kind": "a test"},
+            "Archive.issue": {"reason": "a test"},
             "Archive.merge": {"other": self.archive.path},
         }
         if called.endswith(".save"):

@@ -7,12 +7,13 @@ from typing import Annotated
 
 import typer
 
+from .archive.options import OfCamera, OfSatellite
 from .output import Json, Output, Quiet, Verbose, drawn
 
 
 def predict(
     result: Annotated[
-        Path, typer.Argument(help="A result.json, or the folder that holds it.", metavar="RESULT.json")
+        Path, typer.Argument(help="A result.json, the folder that holds it, or an archive.", metavar="WHAT")
     ],
     at: Annotated[str, typer.Option("--at", metavar="TIME", help="The time, ISO 8601 in UTC.")],
     temperature: Annotated[
@@ -21,11 +22,13 @@ def predict(
             "--temperature", metavar="NAME=DEG_C", help="A temperature that the mounting moves with."
         ),
     ] = None,
+    satellite: OfSatellite = None,
+    camera: OfCamera = None,
     json: Json = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
-    """The mounting at a time and the covariance of its error, from a result alone.
+    """The mounting at a time and the covariance of its error, from a result or an archive alone.
 
     A mounting whose motion was estimated (calibrate --drift) moves; outside the span of the images the covariance
     grows.
@@ -33,6 +36,8 @@ def predict(
     Examples:
 
       starplumb predict demo/result/result.json --at 2026-03-20T10:00:00
+
+      starplumb predict mission.db --at 2026-06-01T00:00:00
     """
     from ..physics.errors import InputError
     from ..session.motion.prediction import predict as run
@@ -45,7 +50,7 @@ def predict(
         except ValueError:
             raise InputError(f"--temperature: found {text!r}, wanted NAME=DEG_C, as in lens=21.5") from None
     speak = Output(json, quiet, verbose)
-    found = run(result, at, given)
+    found = run(result, at, given, satellite, camera)
     speak.notices(found.notices)
     speak.document(found.document)
     speak.show(*map(drawn, found.tables), *found.answer)

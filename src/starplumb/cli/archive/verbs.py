@@ -9,24 +9,14 @@ import typer
 
 from ..output import Json, Output, Quiet, Verbose, drawn
 from ..usage import WithNumbers
+from . import trends
+from .options import File, OfCamera, OfSatellite
 
 archive = typer.Typer(
     help="The memory of a mission: campaigns, their joint solution, the mounting's trend, and what was issued.",
     no_args_is_help=True,
     rich_markup_mode=None,
 )
-
-File = Annotated[Path, typer.Argument(help="The archive.", metavar="FILE.db")]
-OfSatellite = Annotated[
-    str | None,
-    typer.Option("--satellite", metavar="NAME", help="Of this satellite, where there are several."),
-]
-OfCamera = Annotated[
-    str | None,
-    typer.Option(
-        "--camera", metavar="FRAME", help="Of the mounting from this frame, where there are several."
-    ),
-]
 
 
 @archive.command("init", cls=WithNumbers)
@@ -206,3 +196,7 @@ def verify(file: File, json: Json = False, quiet: Quiet = False, verbose: Verbos
     speak.show(f"{found['campaigns']} campaigns, {len(found['faults'])} faults", *lost)
     if found["faults"]:
         raise AlignmentFailed(f"{file}: {'; '.join(found['faults'][:3])}")
+
+
+for verb in (trends.trend, trends.event, trends.issue):
+    archive.command(verb.__name__, cls=WithNumbers)(verb)

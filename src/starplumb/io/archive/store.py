@@ -37,6 +37,7 @@ NETWORK = frozenset(
     )
 )
 """Kinds of file systems that are elsewhere."""
+_MAGIC = b"SQLite format 3\0"
 MOUNTS = Path("/proc/self/mountinfo")
 
 
@@ -128,6 +129,15 @@ def _sentence(error: sqlite3.Error) -> str:
             f"found no way to write it or the files beside it ({text}), wanted a folder that can be written"
         )
     return f"found that SQLite cannot go on ({text}), wanted a whole archive; starplumb archive verify looks into it"
+
+
+def is_archive(path: Path) -> bool:
+    """Whether a file is an SQLite database."""
+    try:
+        with path.open("rb") as file:
+            return file.read(len(_MAGIC)) == _MAGIC
+    except OSError:
+        return False
 
 
 def _require_archive(database: sqlite3.Connection, path: Path) -> None:

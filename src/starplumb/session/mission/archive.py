@@ -10,19 +10,31 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
+from ...documents.prediction import Prediction
 from ...io.archive import blobs, records, store, unite
 from ...io.archive.conflicts import known
 from ...io.archive.rows import Entry, Instrument, entries, insert
-from ...physics.errors import ArgumentError
+from ...physics.errors import ArgumentError, EpochError
+from ...physics.timescales import format_iso, parse
 from ...report.page import Table
-from ..arguments import Wanted, checked
+from ..arguments import Positive, Wanted, checked
 from ..result import Result
 from ..show import Shown
 from .adding import Coming, coming
 from .entries import SHORT, day, entry_document, instrument_of, one_of, state
+from .known import known as known_of
+from .known import mounting_at
 
 Words = Annotated[str, Wanted("some words", lambda value: bool(value.strip()) and value.isprintable())]
 Satellite = Annotated[str, Wanted("the name of a satellite", lambda value: value.isprintable())]
+
+
+def time_of(argument: str, text: str) -> int:
+    """The epoch of an ISO 8601 time in UTC.  Raises ArgumentError where it is none."""
+    try:
+        return int(parse([text], "UTC")[0])
+    except EpochError as error:
+        raise ArgumentError(argument, str(error)) from None
 
 
 def utc_now() -> str:
@@ -105,6 +117,72 @@ class Archive(Shown):
             return shown(str(self.path), database, instrument)
 
     @checked
+    def trend(
+        self,
+        satellite: str | None = None,
+        camera: str | None = None,
+        at: str | None = None,
+        horizon_days: Positive = 30.0,
+    ) -> Any:
+        """The mounting against time: each campaign, what changes it, what will be, and what to do, seen from the time
+        ``at`` (UTC; left out: of the last campaign) over ``horizon_days``."""
+        from .trend import TrendFound
+        from .trend_document import trend_document
+
+        with self._reading(satellite, camera) as (database, instrument):
+            found = known_of(str(self.path), database, instrument)
+        now = None if at is None else time_of("at", at)
+        return TrendFound(trend_document(found, now, horizon_days))
+
+    @checked
+    def event(
+        self, time: str, kind: Words, note: str = "", satellite: Satellite | None = None
+    ) -> dict[str, Any]:
+        """Note what happened to a satellite at a time (UTC): a safe mode, a manoeuvre, another star tracker."""
+        t_ns = time_of("time", time)
+        with store.opened(self.path) as database, store.transaction(database):
+            name = self._default(database) if satellite is None else satellite
+            found = records.add_event(database, name, t_ns, kind, note, utc_now())
+        return {
+            "schema": "starplumb-archive-event/1",
+            "archive": str(self.path),
+            "id": found.id,
+            "satellite": name,
+            "time": format_iso([t_ns], "UTC")[0],
+            "kind": kind,
+            "note": note,
+        }
+
+    @checked
+    def issue(
+        self,
+        reason: Words,
+        start: str | None = None,
+        end: str | None = None,
+        satellite: str | None = None,
+        camera: str | None = None,
+    ) -> dict[str, Any]:
+        """Issue what the trend foretells, valid from ``start`` (UTC; left out: the last campaign) to ``end`` (left out:
+        until further notice); it stands in for what was issued before, which stays in the archive."""
+        from .issued import issue_document, model_of
+
+        with self._reading(satellite, camera) as (database, instrument):
+            found = known_of(str(self.path), database, instrument)
+            first = int(found.trend.t_ns[-1]) if start is None else time_of("start", start)
+            last = None if end is None else time_of("end", end)
+            if first < int(found.trend.t_ns[-1]):
+                latest = format_iso([found.trend.t_ns[-1]], "UTC", 0)[0]
+                raise ArgumentError(
+                    "start", f"found {start}, wanted a time from the last campaign on ({latest})"
+                )
+            if last is not None and last <= first:
+                raise ArgumentError("end", f"found {end}, which is not after the start, wanted a later time")
+            model = model_of(found.trend, first)
+            with store.transaction(database):
+                done = records.issue(database, instrument, (first, last), model, reason, utc_now())
+        return issue_document(str(self.path), done)
+
+    @checked
     def withdraw(self, campaign: str, reason: Words) -> dict[str, Any]:
         """Withdraw a campaign, by the first characters of its id or by its name: it stays, and counts no more."""
         with store.opened(self.path) as database, store.transaction(database):
@@ -180,6 +258,15 @@ class Archive(Shown):
         found = self.entries
         stand = sum(entry.stands for entry in found)
         return (f"{len(found)} campaign{'s' * (len(found) != 1)}, {stand} in use",)
+
+
+def mounting_of(
+    path: Path, t_ns: int, satellite: str | None, camera: str | None
+) -> tuple[Prediction, Instrument]:
+    """The mounting of an archive at an epoch: what was issued for it, else what the trend says."""
+    found = Archive(path)
+    with found._reading(satellite, camera) as (database, instrument):
+        return mounting_at(known_of(str(path), database, instrument), t_ns), instrument
 
 
 @checked

@@ -11,8 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...documents.numbers import numbers
+from ...documents.prediction import Prediction as Predicted
 from ...documents.prediction import predicted
 from ...documents.result import ResultDocument
+from ...io.archive.store import is_archive
 from ...io.text.files import read_text
 from ...judge.trust import NORMAL_95
 from ...physics import so3
@@ -73,15 +75,22 @@ class Prediction(Shown):
 
 @checked
 def predict(
-    result: Result | str | Path, at: str, temperatures_c: Mapping[str, float] | None = None
+    result: Result | str | Path,
+    at: str,
+    temperatures_c: Mapping[str, float] | None = None,
+    satellite: str | None = None,
+    camera: str | None = None,
 ) -> Prediction:
-    """The mounting at a time and the covariance of its error, from a result alone.
+    """The mounting at a time and the covariance of its error, from a result or an archive alone.
 
-    ``result`` is a Result, the path of a ``result.json`` or of its folder; ``at`` an ISO 8601 time in UTC, the scale of
-    the result.  ``temperatures_c`` gives temperatures by name, for a mounting that moves with them.  Outside the span
-    of the result's images the covariance grows, and a notice says so.  Raises InputError where the result must not be
-    used, or the time is none.
+    ``result`` is a Result, the path of a ``result.json``, of its folder, or of an archive, whose mounting is that
+    which was issued for the time, else that of its trend (of ``satellite`` and ``camera``, where it has several).
+    ``at`` is an ISO 8601 time in UTC, the scale of the result; ``temperatures_c`` gives temperatures by name, for a
+    mounting that moves with them.  Outside the span of the images the covariance grows, and a notice says so.  Raises
+    InputError where the result must not be used, or the time is none.
     """
+    if isinstance(result, str | Path) and is_archive(Path(result)):
+        return Prediction(_of_archive(Path(result), at, satellite, camera))
     document, name = _document(result)
     if not document.usable:
         raise InputError(
@@ -92,25 +101,35 @@ def predict(
     except EpochError as error:
         raise ArgumentError("at", str(error)) from None
     found = predicted(document, t_ns, None, temperatures_c)
+    return Prediction(_as_document(found, t_ns, (document.mounting.from_, document.mounting.to)))
+
+
+def _as_document(found: Predicted, t_ns: int, frames: tuple[str, str]) -> dict[str, Any]:
     P = found.covariance_E
     sigma = None if P is None else np.sqrt(np.diagonal(P)) / ARCSEC
-    return Prediction(
-        {
-            "schema": "starplumb-prediction/1",
-            "time": format_iso([t_ns], "UTC")[0],
-            "time_scale": "UTC",
-            "from": document.mounting.from_,
-            "to": document.mounting.to,
-            "matrix": numbers(found.C_EK),
-            "quaternion_xyzw": numbers(so3.to_quaternion(found.C_EK)),
-            "correction_arcsec": numbers(found.turn_E / ARCSEC),
-            "sigma_arcsec": None if sigma is None else numbers(sigma),
-            "covariance_arcsec2": None if P is None else numbers(P / ARCSEC**2),
-            "interval_95_arcsec": None if sigma is None else numbers(NORMAL_95 * sigma),
-            "outside_span_s": found.outside_s,
-            "notices": list(found.notices),
-        }
-    )
+    return {
+        "schema": "starplumb-prediction/1",
+        "time": format_iso([t_ns], "UTC")[0],
+        "time_scale": "UTC",
+        "from": frames[0],
+        "to": frames[1],
+        "matrix": numbers(found.C_EK),
+        "quaternion_xyzw": numbers(so3.to_quaternion(found.C_EK)),
+        "correction_arcsec": numbers(found.turn_E / ARCSEC),
+        "sigma_arcsec": None if sigma is None else numbers(sigma),
+        "covariance_arcsec2": None if P is None else numbers(P / ARCSEC**2),
+        "interval_95_arcsec": None if sigma is None else numbers(NORMAL_95 * sigma),
+        "outside_span_s": found.outside_s,
+        "notices": list(found.notices),
+    }
+
+
+def _of_archive(path: Path, at: str, satellite: str | None, camera: str | None) -> dict[str, Any]:
+    from ..mission.archive import mounting_of, time_of
+
+    t_ns = time_of("at", at)
+    found, instrument = mounting_of(path, t_ns, satellite, camera)
+    return _as_document(found, t_ns, (instrument.frame_from, instrument.frame_to))
 
 
 def _document(result: Result | str | Path) -> tuple[ResultDocument, str]:

@@ -1,0 +1,106 @@
+"""What an archive knows of one mounting: its campaigns in the order of time, their trend, and what was issued."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...documents.prediction import Prediction
+from ...documents.result import ResultDocument
+from ...io.archive import records
+from ...io.archive.rows import Entry, ImageRow, Instrument, images_of, result_text
+from ...mission.advice import altitude_m
+from ...mission.points import points
+from ...mission.trend import Trend, trend
+from ...physics import so3
+from .issued import at, valid_at
+from .joint import standing
+
+Array = NDArray[np.float64]
+
+GATHERED = 0.5
+"""Resultant of the phases of a campaign's images from which on they have a middle."""
+
+
+@dataclass(frozen=True)
+class Known:
+    """What an archive knows of one mounting: its campaigns in the order of time, their trend and what was issued."""
+
+    archive: str
+    instrument: Instrument
+    entries: tuple[Entry, ...]
+    trend: Trend
+    temperatures_c: Mapping[str, Array]
+    u: Array
+    events: tuple[records.Event, ...]
+    issued: tuple[records.Validity, ...]
+    height_m: float | None
+
+
+def known(name: str, database: sqlite3.Connection, instrument: Instrument) -> Known:
+    """Of an instrument with a campaign or more that counts."""
+    found = standing(name, database, instrument)
+    images = [images_of(database, entry.id) for entry in found.entries]
+    t_ns = np.array([_middle(some) for some in images])
+    order = np.argsort(t_ns, kind="stable")
+    entries, images = [found.entries[k] for k in order], [images[k] for k in order]
+    happened = records.events(database, instrument.satellite)
+    own = points([found.parts[k] for k in order])
+    own = own.about(so3.exp(np.mean(own.value_E, axis=0)) @ own.C_EK)
+    last = ResultDocument.from_json(result_text(database, entries[-1].id), entries[-1].name)
+    return Known(
+        name,
+        instrument,
+        tuple(entries),
+        trend(t_ns[order], own, [event.t_ns for event in happened]),
+        _temperatures(images),
+        np.array([_phase(some) for some in images]),
+        tuple(happened),
+        tuple(records.issued(database, instrument)),
+        None if last.orbit is None else altitude_m(last.orbit.period_s),
+    )
+
+
+def mounting_at(of: Known, t_ns: int) -> Prediction:
+    """The mounting at an epoch: what was issued for it, else what the trend says."""
+    start = of.trend.points.C_EK
+    first, last = int(of.trend.t_ns[0]), int(of.trend.t_ns[-1])
+    outside = max(first - t_ns, t_ns - last, 0) * 1e-9
+    issued = valid_at(of.issued, t_ns)
+    if issued is not None:
+        C, P = at(issued.model, t_ns)
+        said = f"as issued at {issued.issued_utc[:19]}: {issued.reason}"
+    else:
+        turn, P = of.trend.at(t_ns)
+        C, said = so3.exp(turn) @ start, "by the trend of the campaigns: nothing was issued for this time"
+    return Prediction(C, P, so3.log(C @ start.T), outside, (said,))
+
+
+def _middle(some: Sequence[ImageRow]) -> int:
+    """Mean time of the images of a campaign."""
+    first = some[0].t_ns
+    return first + round(float(np.mean([image.t_ns - first for image in some])))
+
+
+def _temperatures(images: Sequence[Sequence[ImageRow]]) -> dict[str, Array]:
+    """Mean temperature of each campaign by name, NaN where a campaign has none."""
+    names = dict.fromkeys(name for some in images for image in some for name in image.temperatures_c)
+
+    def mean(some: Sequence[ImageRow], name: str) -> float:
+        values = [image.temperatures_c[name] for image in some if name in image.temperatures_c]
+        return float(np.mean(values)) if values else float("nan")
+
+    return {name: np.array([mean(some, name) for some in images]) for name in names}
+
+
+def _phase(some: Sequence[ImageRow]) -> float:
+    """Middle of the arguments of latitude of a campaign's images, rad; NaN where they are all around the orbit."""
+    u = np.array([image.u for image in some if image.u is not None], dtype=np.float64)
+    if u.size == 0:
+        return float("nan")
+    middle = complex(np.mean(np.exp(1j * u)))
+    return float(np.angle(middle)) if abs(middle) > GATHERED else float("nan")
