@@ -235,8 +235,8 @@ def test_the_page_stands_alone(moved, tmp_path):
         (("trend", "--horizon-days", "-3"), "--horizon-days: found -3.0, wanted a positive number"),
         (("issue", "--reason", " "), "--reason: found ' ', wanted some words"),
         (
-            ("issue", "--reason", "x", "--from", "2000-03-01T00:00:00"),
-            "wanted a time from the last campaign on (2000-09",
+            ("issue", "--reason", "x", "--start", "2000-03-01T00:00:00"),
+            "wanted a time from the last campaign on",
         ),
         (("issue", "--reason", "x", "--end", "1999-01-01T00:00:00"), "which is not after the start"),
     ],
