@@ -112,7 +112,7 @@ C = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
 @pytest.mark.parametrize(
     ("key", "value", "says"),
     [
-        ("schema", "somebody-else/9", "schema: found 'somebody-else/9', wanted 'starplumb-result/1'"),
+        ("schema", "somebody-else/9", 'schema: found "somebody-else/9", wanted "starplumb-result/1"'),
         ("status", "fine", "status: found 'fine', wanted one of ok, weak, "),
         ("mounting.matrix", C[:2], "mounting.matrix"),
         ("mounting.matrix", [[1.0, 0.0, 0.0], [0.0, 1.0, 2e-6], [0.0, 0.0, 1.0]], "no rotation"),

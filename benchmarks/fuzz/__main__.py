@@ -19,6 +19,7 @@ import argparse
 import json
 import multiprocessing
 import os
+import re
 import shutil
 import sys
 from collections import Counter, defaultdict
@@ -145,7 +146,7 @@ def main() -> None:
     print(table(counts))
     kinds = defaultdict(list)
     for name, number, text in faults:
-        kinds[name, text[:60]].append((number, text))
+        kinds[name, re.sub(r"\d+|(['\"]).*?\1", "", text)[:24]].append((number, text))
     for (name, _), found in sorted(kinds.items()):
         print(f"\n{len(found)} times {name}, such as {found[0][0]}: {found[0][1]}")
     if given.json:

@@ -39,16 +39,19 @@ def predict(
 
       starplumb predict mission.db --at 2026-06-01T00:00:00
     """
+    from math import isfinite
+
+    from ..io.text.files import show
+    from ..io.text.numbers import number
     from ..physics.errors import InputError
     from ..session.motion.prediction import predict as run
 
     given = {}
     for text in temperature or ():
         name, _, value = text.partition("=")
-        try:
-            given[name.strip()] = float(value)
-        except ValueError:
-            raise InputError(f"--temperature: found {text!r}, wanted NAME=DEG_C, as in lens=21.5") from None
+        given[name.strip()] = number(value)
+        if not isfinite(given[name.strip()]):
+            raise InputError(f"--temperature: found {show(text)}, wanted NAME=DEG_C, as in lens=21.5")
     speak = Output(json, quiet, verbose)
     found = run(result, at, given, satellite, camera)
     speak.notices(found.notices)

@@ -148,18 +148,17 @@ def _places(where: list[str], itrf: bool) -> Iterator[dict[str, Any]]:
 def _numbers(where: list[str], itrf: bool) -> dict[str, Any]:
     from math import isfinite
 
+    from ..io.text.files import show
+    from ..io.text.numbers import numbers
     from ..physics.errors import InputError
 
     if not where and not itrf:
         return {}
-    try:
-        values = [float(text) for text in where]
-    except ValueError:
-        values = []
+    values = numbers(where).tolist()
     least = 3 if itrf else 2
     if not least <= len(values) <= 3 or not all(map(isfinite, values)):
         wanted = "x, y and z (m)" if itrf else "latitude, longitude (deg) and height (m), or one table"
-        raise InputError(f"places: found {' '.join(where)!r}, wanted {wanted}")
+        raise InputError(f"places: found {show(' '.join(where))}, wanted {wanted}")
     if itrf:
         return {"itrf_m": values}
     return dict(zip(("latitude_deg", "longitude_deg", "height_m"), values, strict=False))

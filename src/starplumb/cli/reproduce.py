@@ -27,7 +27,10 @@ def reproduce(
         ),
     ] = None,
     trials: Annotated[
-        int, typer.Option("--trials", "-n", metavar="COUNT", help="Simulated runs of each table.")
+        int,
+        typer.Option(
+            "--trials", "-n", metavar="COUNT", min=2, max=100_000_000, help="Simulated runs of each table."
+        ),
     ] = 10_000,
     seed: Annotated[
         int, typer.Option("--seed", "-s", metavar="NUMBER", min=0, help="Seed of all draws.")

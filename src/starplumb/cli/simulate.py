@@ -21,7 +21,8 @@ if TYPE_CHECKING:
 def simulate(
     scenario: ScenarioArgument,
     trials: Annotated[
-        int | None, typer.Option("--trials", "-n", metavar="COUNT", min=2, help="Number of trials.")
+        int | None,
+        typer.Option("--trials", "-n", metavar="COUNT", min=2, max=1_000_000_000, help="Number of trials."),
     ] = None,
     precision: Annotated[
         float | None,

@@ -9,6 +9,8 @@ from typing import Annotated, Any, Self, get_args
 from annotated_types import Len
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from ..io.text.files import show
+from ..io.text.json_node import unique
 from ..io.text.write import json_text
 from ..physics.errors import InputError
 
@@ -49,14 +51,14 @@ class Document(Part):
         """The document of a JSON text.  Raises InputError, one sentence, where it is not such a document."""
         wanted = cls.kind()
         try:
-            given = json.loads(text, object_pairs_hook=_unique)
+            given = json.loads(text, object_pairs_hook=unique)
         except (ValueError, RecursionError) as error:
             raise InputError(
                 f"{name}: found text that is not JSON ({error}), wanted a {wanted} document"
             ) from None
         found = given.get("schema") if isinstance(given, dict) else None
         if found != wanted:
-            raise InputError(f"{name}: schema: found {found!r}, wanted {wanted!r}")
+            raise InputError(f"{name}: schema: found {show(found)}, wanted {show(wanted)}")
         try:
             return cls.of(given)
         except ValidationError as error:
@@ -76,14 +78,6 @@ class Document(Part):
         return json_text(self.to_dict())
 
 
-def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """The object of its pairs; a key that stands twice leaves open which value is meant."""
-    keys = [key for key, _ in pairs]
-    if twice := [key for i, key in enumerate(keys) if key in keys[:i]]:
-        raise ValueError(f"the key {twice[0]} stands twice in one object")
-    return dict(pairs)
-
-
 def _problems(error: ValidationError) -> str:
     """What is wrong, what is missing last: a wrong value says more than a key that is not there."""
     found = sorted(error.errors(include_url=False), key=lambda detail: detail["type"] == "missing")
@@ -98,5 +92,4 @@ def _problem(loc: tuple[int | str, ...], kind: str, message: str, given: object)
         return f"{key}: missing"
     if kind == "value_error":
         return message.removeprefix("Value error, ")
-    text = " ".join(str(given).split())
-    return f"{key}: found {text if len(text) <= 40 else text[:37] + '...'} ({message})"
+    return f"{key}: found {show(given)} ({message})"

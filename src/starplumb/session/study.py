@@ -36,7 +36,10 @@ MARK = ("summary.json", SCHEMA)
 STUDY_FILES = (SAMPLES, "report.html")
 """Files of every study beside it; the figures are named after the methods."""
 Precision = Annotated[float, Wanted("a number from 1e-4 to 0.5", lambda value: 1e-4 <= value <= 0.5)]
-Trials = Annotated[int, Wanted("a whole number of at least 2", lambda value: value >= 2)]
+MOST_TRIALS = 1_000_000_000
+Trials = Annotated[
+    int, Wanted(f"a whole number from 2 to {MOST_TRIALS}", lambda value: 2 <= value <= MOST_TRIALS)
+]
 PRECISION = 0.01
 """To this part of itself each sigma is known (3 standard errors) where neither trials nor precision are given."""
 

@@ -152,14 +152,13 @@ def import_(
 def _numbers(option: str, text: str, counts: tuple[int, ...], wanted: str) -> tuple[float, ...]:
     from math import isfinite
 
+    from ...io.text.files import show
+    from ...io.text.numbers import numbers
     from ...physics.errors import InputError
 
-    try:
-        values = tuple(float(part) for part in text.split(","))
-    except ValueError:
-        values = ()
-    if len(values) not in counts or not all(isfinite(value) for value in values):
-        raise InputError(f"{option}: found {text!r}, wanted {wanted}")
+    values = tuple(numbers(text.split(",")).tolist())
+    if len(values) not in counts or not all(map(isfinite, values)):
+        raise InputError(f"{option}: found {show(text)}, wanted {wanted}")
     return values
 
 

@@ -89,16 +89,15 @@ def _three(option: str, text: str | None) -> tuple[float, float, float] | None:
     """One positive number, or three with commas between."""
     from math import isfinite
 
+    from ...io.text.files import show
+    from ...io.text.numbers import numbers
     from ...physics.errors import InputError
 
     if text is None:
         return None
-    try:
-        values = tuple(float(part) for part in text.split(","))
-    except ValueError:
-        values = ()
+    values = tuple(numbers(text.split(",")).tolist())
     if len(values) not in (1, 3) or not all(isfinite(value) and value >= 0.0 for value in values):
         raise InputError(
-            f"{option}: found {text!r}, wanted one number, or three with commas between, none negative"
+            f"{option}: found {show(text)}, wanted one number, or three with commas between, none negative"
         )
     return (values[0],) * 3 if len(values) == 1 else (values[0], values[1], values[2])

@@ -9,6 +9,7 @@ from pydantic import BeforeValidator, Field
 
 from ..tables.keys import TimedKeys
 from ..text.files import show
+from ..text.numbers import SIGMA_WORDS
 from ..text.sections import Section, wrong
 from ..text.values import (
     GCRF,
@@ -22,6 +23,7 @@ from ..text.values import (
     frame_name,
     one_or_three,
     printable,
+    sigma_or_zero,
 )
 from .fixed_frames import CAMERA, Frames, Rotation, written_frames
 
@@ -34,8 +36,8 @@ ESTIMATE = "estimate"
 def _sigma_or_estimate(value: object) -> object:
     if value == ESTIMATE:
         return value
-    wanted = f'one finite number or three, none negative (0 claims an exact value), or "{ESTIMATE}"'
-    return one_or_three(wanted, lambda x: x >= 0.0)(value)
+    wanted = f'one finite number or three, none negative (0 claims an exact value, else {SIGMA_WORDS}), or "{ESTIMATE}"'
+    return one_or_three(wanted, sigma_or_zero)(value)
 
 
 SigmaOrEstimate = Annotated[

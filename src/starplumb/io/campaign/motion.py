@@ -23,6 +23,7 @@ from ..tables.keys import TimedKeys
 from ..tables.read import Epochs, Frame, Table, TableSource, epochs, read_table
 from ..text.files import show
 from ..text.frames import EarthFrame, earth_frame
+from ..text.numbers import SIGMA_WORDS, is_sigma
 from ..text.values import UNIT_TOLERANCE
 from .attitude_config import AttitudeConfig
 from .config import EphemerisConfig
@@ -219,7 +220,8 @@ def _attitude_table(
     sigma = None
     if table.has(*SIGMA_ATTITUDE):
         for name in SIGMA_ATTITUDE:
-            table.require(table.numbers[name] > 0.0, name, "a positive number of arcseconds")
+            wanted = f"a positive number of arcseconds, {SIGMA_WORDS}"
+            table.require(is_sigma(table.numbers[name], exact=False), name, wanted)
         sigma = ARCSEC * table.columns(*SIGMA_ATTITUDE)
     step = decimal_step(q)
     q, frame = _to_tracker(q / norm[:, None], config.source, config.target)

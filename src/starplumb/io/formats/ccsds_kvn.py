@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from ...physics.errors import InputError
-from ..text.files import show
+from ..text.files import cut, show
 from .ccsds_message import Dialect, Entry, Message, Segment, set_version
 
 _MARKS = frozenset(
@@ -79,19 +79,25 @@ class _Parser:
             self._first(line, key, value)
             return
         if self.place not in (_HEADER, _METADATA):
-            raise self.message.error(line, f"found {key} in {self.place}, where it cannot stand")
+            raise self.message.error(line, f"found {cut(key)} in {self.place}, where it cannot stand")
         target = self.message.header if self.place == _HEADER else self.segment.meta
+        if key == self.dialect.version_key:
+            raise self.message.error(
+                line, f"found {cut(key)} a second time, wanted it in the first line alone"
+            )
         if key in target:
-            raise self.message.error(line, f"found {key} a second time (first on line {target[key].line})")
+            raise self.message.error(
+                line, f"found {cut(key)} a second time (first on line {target[key].line})"
+            )
         if not value:
-            raise self.message.error(line, f"found {key} without a value")
+            raise self.message.error(line, f"found {cut(key)} without a value")
         target[key] = Entry(value, line)
 
     def _first(self, line: int, key: str, value: str) -> None:
         wanted = self.dialect.version_key
         if key != wanted:
             raise self.message.error(
-                line, f"found {key}, wanted {wanted}: this is not a CCSDS {self.dialect.name}"
+                line, f"found {cut(key)}, wanted {wanted}: this is not a CCSDS {self.dialect.name}"
             )
         set_version(self.message, self.dialect, Entry(value, line))
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from ...physics import timescales
 from ...physics.errors import EpochError, InputError
-from ..text.files import show
+from ..text.files import cut, show
 from ..text.numbers import numbers as all_numbers
 from ..text.numbers import whole
 from .series_tables import EpochArray, FloatArray, Rows
@@ -114,7 +114,7 @@ def check(message: Message, dialect: Dialect) -> list[str]:
 
 
 def _ignored(message: Message, key: str) -> str:
-    return f"{message.path}: keyword {key} is not known and was ignored"
+    return f"{message.path}: keyword {cut(key)} is not known and was ignored"
 
 
 def common(message: Message, key: str) -> str:

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from xml.sax.saxutils import escape
 
 from ...physics.errors import InputError
-from ..text.files import show
+from ..text.files import cut, show
 from ..text.xml_tree import XmlElement, parse_xml
 from .ccsds_message import Dialect, Entry, Message, Segment, choice, set_version
 
@@ -73,10 +73,10 @@ def _enter(message: Message, found: dict[str, Entry], leaf: XmlElement) -> None:
     value = (leaf.text or "").strip()
     if leaf.tag in found:
         raise message.error(
-            leaf.line, f"found {leaf.tag} a second time (first on line {found[leaf.tag].line})"
+            leaf.line, f"found {cut(leaf.tag)} a second time (first on line {found[leaf.tag].line})"
         )
     if not value:
-        raise message.error(leaf.line, f"found {leaf.tag} without a value")
+        raise message.error(leaf.line, f"found {cut(leaf.tag)} without a value")
     found[leaf.tag] = Entry(value, leaf.line)
 
 
@@ -88,13 +88,15 @@ def _take_record(message: Message, dialect: Dialect, segment: Segment, record: X
         if wanted is None:
             continue
         if (unit := leaf.get("units")) and unit != wanted:
-            raise message.error(leaf.line, f"{leaf.tag} is in {show(unit)}, wanted {wanted or 'no unit'}")
+            raise message.error(
+                leaf.line, f"{cut(leaf.tag)} is in {show(unit)}, wanted {wanted or 'no unit'}"
+            )
         _enter(message, found, leaf)
     for name in ("EPOCH", *dialect.columns):
         if name not in found:
             for key, wanted_words in dialect.choices.items():  # a record of another type has other columns
                 choice(message, segment, key, wanted_words)
-            raise message.error(record.line, f"this {record.tag} has no {name}")
+            raise message.error(record.line, f"this {cut(record.tag)} has no {name}")
     segment.epochs.append(found["EPOCH"].text)
     segment.rows.append([found[name].text for name in dialect.columns])
     segment.lines.append(record.line)

@@ -17,9 +17,7 @@ _ROUNDING = 1e-15
 
 def unit(q: FloatArray, error: Callable[[int, str], InputError]) -> FloatArray:
     """Quaternions (n, 4) of norm 1.  Raises ``error(row, sentence)`` for the first whose norm is not 1 within 1e-3."""
-    size = np.maximum(np.abs(q).max(axis=1), 1.0)
-    with np.errstate(over="ignore"):
-        norm = size * np.linalg.norm(q / size[:, None], axis=1)
+    norm = np.linalg.norm(q, axis=1)
     wrong = ~(np.abs(norm - 1.0) <= _NORM_TOLERANCE)
     if wrong.any():
         row = int(np.argmax(wrong))

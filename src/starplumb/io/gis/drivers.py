@@ -6,13 +6,17 @@ addresses in the network.
 
 from __future__ import annotations
 
+import logging
 import re
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 from warnings import catch_warnings, simplefilter
 
 from ...physics.errors import InputError
-from ..text.files import trouble
+from ..text.files import show, trouble
 
 if TYPE_CHECKING:
     from rasterio.io import DatasetReader
@@ -52,11 +56,14 @@ RASTERS = (
 """Drivers that read one file, and what lies beside it under the same name."""
 
 
+_TEXTS = ("AAIGrid", "GRASSASCIIGrid", "GSAG", "XYZ", "USGSDEM")
+"""Formats whose every cell takes more than a byte."""
+
+
 def open_raster(path: Path) -> DatasetReader:
     """A raster.  Raises InputError where the file is none, is a virtual one, or rasterio is not installed."""
     try:
-        from rasterio import Env
-        from rasterio.errors import NotGeoreferencedWarning, RasterioIOError
+        from rasterio.errors import CRSError, RasterioError
         from rasterio.io import DatasetReader
     except ImportError:
         raise InputError(f'{path}: reading it needs rasterio: pip install "starplumb[gis]"') from None
@@ -67,11 +74,55 @@ def open_raster(path: Path) -> DatasetReader:
             found = "found a virtual raster, which names other files"
             raise InputError(f"{path}: {found}, wanted the raster itself (gdal_translate makes one of it)")
     try:
-        with Env(), catch_warnings():  # rasterio.open takes one driver only
-            simplefilter("ignore", NotGeoreferencedWarning)  # who needs a reference system asks for it
-            return DatasetReader(str(path), driver=list(RASTERS))
-    except RasterioIOError:
+        with quiet_gdal():  # rasterio.open takes one driver only
+            dataset = DatasetReader(str(path), driver=list(RASTERS))
+            _require_own_files(path, dataset.files)
+    except (RasterioError, CRSError, UnicodeDecodeError, ValueError, OverflowError):
         raise InputError(f"{path}: found a file that is not a raster, wanted a GeoTIFF or the like") from None
+    cells, size = dataset.width * dataset.height, path.stat().st_size
+    if dataset.driver in _TEXTS and cells > size:
+        found = f"found {dataset.width} x {dataset.height} cells in {size} bytes"
+        raise InputError(f"{path}: {found}, wanted a whole grid")
+    return dataset
+
+
+@contextmanager
+def reading(path: Path) -> Iterator[None]:
+    """Whatever GDAL finds wrong while it reads a raster, in a sentence."""
+    from rasterio.errors import CRSError, RasterioError
+
+    try:
+        with quiet_gdal():
+            yield
+    except (RasterioError, CRSError):
+        raise InputError(f"{path}: found a damaged raster, wanted one whose cells can be read") from None
+
+
+@contextmanager
+def quiet_gdal() -> Iterator[None]:
+    """GDAL's own lines kept from the terminal, and no warnings: what matters of them ends in a sentence of ours."""
+    from rasterio import Env
+
+    log = logging.getLogger("rasterio")
+    if not log.handlers:
+        log.addHandler(logging.NullHandler())  # without any, Python prints what libraries log
+    said, sys.unraisablehook = sys.unraisablehook, lambda _: None  # where its lines are no UTF-8
+    try:
+        with Env(), catch_warnings():
+            simplefilter("ignore")
+            yield
+    finally:
+        sys.unraisablehook = said
+
+
+def _require_own_files(path: Path, files: Sequence[str]) -> None:
+    """Raise InputError where a raster has parts elsewhere than beside it, under its own name."""
+    stem = path.stem.lower()
+    for name in files:
+        part = Path(name)
+        if part.resolve().parent != path.resolve().parent or not part.name.lower().startswith(stem):
+            found = f"found a raster that names another file, {show(name)}"
+            raise InputError(f"{path}: {found}, wanted one that is whole in itself")
 
 
 _GEOJSON = re.compile(rb'"type"\s*:\s*"(FeatureCollection|Feature)"')

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from ...physics.errors import InputError
 from ...physics.units import DEG
 from ..text.files import show
-from .drivers import open_raster
+from .drivers import open_raster, reading
 from .reference_system import Grid
 
 if TYPE_CHECKING:
@@ -33,25 +33,37 @@ _ON_A_GEOID = re.compile(r"\b(VERT_CS|VERTCRS|VERTICALCRS|COMPD_CS|COMPOUNDCRS)\
 _THREE_AXES = re.compile(r'AXIS\["[Ee]llipsoidal height')
 MOST_CELLS = 1 << 22
 """Cells of a raster that are read at a time (32 MB)."""
+HEIGHTS_M = (-1000.0, 9500.0)
+"""Of ground above the ellipsoid."""
+_GEOID_M = (-150.0, 150.0)
+_ANY = (-np.inf, np.inf)
 _EDGE = 1e-6
 """Rounding, in cells, by which a point may seem to lie beyond the last cell's centre."""
 
 
 @dataclass(frozen=True)
 class Raster:
-    """The first band of a raster, sampled at geographic places by bilinear interpolation between cell centres."""
+    """The first band of a raster, sampled at geographic places by bilinear interpolation between cell centres.
+
+    Cells beyond ``limits`` are refused: they are marks of no data that the file does not declare."""
 
     path: Path
     dataset: DatasetReader = field(repr=False)
+    limits: tuple[float, float] = _ANY
     _last: list[tuple[tuple[int, int], Array]] = field(default_factory=list, repr=False, compare=False)
 
     @classmethod
-    def open(cls, path: Path) -> Raster:
+    def open(cls, path: Path, limits: tuple[float, float] = _ANY) -> Raster:
         """Raises InputError where the file is no raster, has no reference system, or rasterio is not installed."""
         dataset = open_raster(path)
-        if dataset.crs is None or dataset.transform.is_identity:
+        turn = dataset.transform
+        if dataset.crs is None or turn.is_identity:
             raise InputError(f"{path}: found no reference system, wanted a georeferenced raster")
-        return cls(path, dataset)
+        if not (np.isfinite(turn[:6]).all() and 0.0 < abs(turn.determinant) < np.inf):
+            raise InputError(
+                f"{path}: found a georeference that is none ({show(list(turn[:6]))}), wanted one"
+            )
+        return cls(path, dataset, limits)
 
     @property
     def stated(self) -> Heights | None:
@@ -123,9 +135,21 @@ class Raster:
         )
         # a cell of no weight may be empty
         values[inside] = sum(
-            np.where(weight > 0.0, weight * cells[a, b - first], 0.0) for a, b, weight in corners
+            np.where(weight > 0.0, weight * self._possible(cells[a, b - first], weight), 0.0)
+            for a, b, weight in corners
         )
         return values
+
+    def _possible(self, cells: Array, weight: Array) -> Array:
+        """The cells (n,).  Raises InputError where one that has a weight is beyond the limits."""
+        low, high = self.limits
+        beyond = (weight > 0.0) & ((cells < low) | (cells > high))
+        if beyond.any():
+            found = f"found a cell of {cells[np.argmax(beyond)]:.9g}"
+            raise InputError(
+                f"{self.path}: {found}, wanted {low:g} to {high:g} m, or a mark of no data that the file declares"
+            )
+        return np.where(weight > 0.0, cells, 0.0)
 
     def _window(self, left: int, top: int, right: int, bottom: int) -> Array:
         """Cells from (left, top) to one beyond (right, bottom), where there is one; NaN for no data.
@@ -144,7 +168,8 @@ class Raster:
                 and top + height <= y + cells.shape[0]
             ):
                 return cells[top - y : top - y + height, left - x : left - x + width]
-        band = self.dataset.read(1, window=Window(left, top, width, height), masked=True)
+        with reading(self.path):
+            band = self.dataset.read(1, window=Window(left, top, width, height), masked=True)
         cells = np.asarray(np.ma.filled(band.astype(np.float64), np.nan), dtype=np.float64)
         self._last[:] = [((left, top), cells)]
         return cells
@@ -188,7 +213,7 @@ class Surface:
 
 def surface(dem: Path, heights: Heights | None, geoid: Path | None) -> Surface:
     """A DEM whose heights are what the user says; raises InputError where that is not said or the file disagrees."""
-    raster = Raster.open(dem)
+    raster = Raster.open(dem, HEIGHTS_M)
     if heights is None:
         raise InputError(
             f'{dem}: found heights of a kind not stated, wanted heights = "ellipsoidal", or "geoid" with its grid'
@@ -200,7 +225,7 @@ def surface(dem: Path, heights: Heights | None, geoid: Path | None) -> Surface:
     if heights == "geoid":
         if geoid is None:
             raise InputError(f"{dem}: found heights above a geoid, wanted the geoid's grid too")
-        return Surface(raster, Raster.open(geoid))
+        return Surface(raster, Raster.open(geoid, _GEOID_M))
     return Surface(raster, None)
 
 
@@ -242,7 +267,7 @@ class Ground:
             return height
         if self.geoid is None:
             raise InputError(f"{kind}: found geoid, wanted its grid ({geoid}) too")
-        grid = Raster.open(self.geoid)
+        grid = Raster.open(self.geoid, _GEOID_M)
         return height + _complete(grid, grid, grid, latitude, longitude, names)
 
 

@@ -27,6 +27,14 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 _ODM = re.compile(r"WGS[ _]?84\s+UTM\s+(\d{1,2})\s*([NS])", re.IGNORECASE)
+_CODE = re.compile(r"(urn:ogc:def:crs:)?[A-Za-z_]+:[\w.]*:{0,2}[\w.]+(\+\d+)?", re.ASCII)
+_WKT = re.compile(r"[A-Z_]+\d*\s*[\[(]", re.ASCII)
+_PLAIN_PROJ = re.compile(
+    r"(\s*\+(proj|zone|south|north|ellps|datum|units|no_defs|type|lat_\w+|lon_\w+|x_0|y_0|k|k_0|a|b|rf|towgs84|axis|pm)"
+    r"(=[\w.,+-]*)?)+",
+    re.ASCII,
+)
+_NAMES_A_FILE = re.compile(r"PARAMETERFILE|grids\s*=|init\s*=|\+proj=pipeline", re.IGNORECASE)
 WGS84 = ("EPSG:4326", "EPSG:4979", "OGC:CRS84")
 _EARTH_AXIS_M = (6.3770e6, 6.3790e6)
 _SAME_HEIGHT_M = 0.01
@@ -83,7 +91,8 @@ def to_wgs84(
 
 
 def horizontal(where: Path, reference: str) -> CRS:
-    """The system of the Earth by its name, WKT or PROJ string; InputError where it is none, or has a vertical part."""
+    """The system of the Earth by its code, WKT or plain PROJ parameters; InputError where it is none, or has a vertical
+    part."""
     from pyproj import CRS
     from pyproj.exceptions import CRSError
 
@@ -91,10 +100,10 @@ def horizontal(where: Path, reference: str) -> CRS:
     if zone := _ODM.fullmatch(text):
         text = f"EPSG:{326 if zone[2].upper() == 'N' else 327}{int(zone[1]):02d}"
     try:
-        if "init=" in text.lower():  # names a file of PROJ's
-            raise CRSError("init")
+        if not _is_definition(text):
+            raise CRSError("a name, which PROJ would look for in files")
         crs = CRS.from_user_input(text)
-    except CRSError:
+    except (CRSError, UnicodeError):
         raise InputError(
             f"{where}: found the reference system {show(reference)}, wanted one such as EPSG:32633 or its WKT"
         ) from None
@@ -111,6 +120,13 @@ def horizontal(where: Path, reference: str) -> CRS:
     return crs
 
 
+def _is_definition(text: str) -> bool:
+    """Whether a text is ``AUTHORITY:CODE``, WKT or plain PROJ parameters (as OpenDroneMap has them), and names no
+    file."""
+    shaped = _CODE.fullmatch(text) or _WKT.match(text) or _PLAIN_PROJ.fullmatch(text)
+    return shaped is not None and not _NAMES_A_FILE.search(text)
+
+
 def datum_of(where: Path, reference: str) -> str:
     """The geographic system, with heights above its ellipsoid, that a projected one stands on, as WKT."""
     with _without_network(where):
@@ -125,6 +141,10 @@ class Grid:
         from pyproj import CRS, Transformer
 
         with _without_network(where):
+            if _NAMES_A_FILE.search(wkt):
+                raise InputError(
+                    f"{where}: found a reference system that names a file, wanted one that is whole in itself"
+                )
             crs = CRS.from_wkt(wkt)
             crs = crs.sub_crs_list[0] if crs.is_compound else crs
             own_x, own_y = _own_degrees(where, crs.name, crs, *(np.array([value]) for value in middle))
@@ -155,6 +175,7 @@ def _nameless_wgs84(crs: CRS) -> bool:
 def _without_network(where: Path) -> Iterator[None]:
     """pyproj with PROJ's network off whatever the environment says, and as it was afterwards."""
     try:
+        from pyproj.exceptions import CRSError, ProjError
         from pyproj.network import is_network_enabled, set_network_enabled  # type: ignore[attr-defined]
     except ImportError:
         raise InputError(f'{where}: reading it needs pyproj: pip install "starplumb[gis]"') from None
@@ -162,6 +183,10 @@ def _without_network(where: Path) -> Iterator[None]:
     set_network_enabled(active=False)
     try:
         yield
+    except (CRSError, ProjError):
+        raise InputError(
+            f"{where}: found a reference system that PROJ cannot count with, wanted one such as EPSG:32633 or its WKT"
+        ) from None
     finally:
         set_network_enabled(active=before)
 

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import re
 import struct
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from warnings import catch_warnings, simplefilter
 
 import numpy as np
 
@@ -20,6 +22,8 @@ _WGS84 = re.compile(
     r'EPSG:(4326|4979)|OGC:CRS84h?|GEOG(CRS|CS)\["(GCS_)?WGS[ _](19)?84.*', re.DOTALL | re.IGNORECASE
 )
 _NAMES = ("landmark_id", "height_m", "sigma_m", *SIGMA_ENU)
+_LOST = re.compile(r"incompletely|Unsupported geometry|too many members|Ignoring|truncat", re.IGNORECASE)
+"""What GDAL says where it gives another value than the file has."""
 _DBASE_LETTERS = 10
 """A shapefile cuts the names of its attributes to so many letters."""
 _POINT, _Z_ISO, _Z_FLAG = 1, 1000, 0x80000000
@@ -34,31 +38,48 @@ def read_points(path: Path, flat: bool = False) -> Table:
     ``height_m``; ``landmark_id`` and the sigmas are attributes. Raises InputError for another reference system, several
     layers or features that are not points, and where pyogrio is not installed.
     """
-    try:
-        from pyogrio import list_layers, raw
-        from pyogrio.errors import DataSourceError
-    except ImportError:
-        raise InputError(f'{path}: reading it needs pyogrio: pip install "starplumb[gis]"') from None
     require_vector(path)
-    try:
-        layers = [str(name) for name, _ in list_layers(path)]
-        if len(layers) != 1:
-            raise InputError(
-                f"{path}: found {len(layers)} layers ({show(', '.join(layers))}), wanted one of landmarks"
-            )
-        meta, _, geometry, attributes = raw.read(path)
-    except DataSourceError as error:
-        reason = " ".join(str(error).split())
-        raise InputError(
-            f"{path}: found a file that is not a vector file ({reason}), wanted GeoPackage, GeoJSON or Shapefile"
-        ) from None
+    meta, geometry, attributes, notices = _opened(path)
     if not _WGS84.fullmatch(str(meta["crs"])):
         raise InputError(
             f"{path}: found the reference system {show(meta['crs'])}, wanted EPSG:4326 or EPSG:4979 (WGS 84)"
         )
     cut = {name[:_DBASE_LETTERS]: name for name in _NAMES} if path.suffix.lower() == ".shp" else {}
     names = [cut.get(str(name), str(name)) for name in meta["fields"]]
-    return _table(path, geometry, dict(zip(names, attributes, strict=True)), flat)
+    table = _table(path, geometry, dict(zip(names, attributes, strict=True)), flat)
+    return replace(table, notices=[*table.notices, *notices])
+
+
+def _opened(path: Path) -> tuple[dict[str, Any], Any, Any, list[str]]:
+    """What GDAL reads of the one layer, and what it says of it.
+
+    Raises InputError for whatever it stumbles over, and where a value was lost on the way.
+    """
+    try:
+        from pyogrio import list_layers, raw
+    except ImportError:
+        raise InputError(f'{path}: reading it needs pyogrio: pip install "starplumb[gis]"') from None
+    with catch_warnings(record=True) as said:
+        simplefilter("always")
+        try:
+            layers = [str(name) for name, _ in list_layers(path)]
+            if len(layers) == 1:
+                meta, _, geometry, attributes = raw.read(path)
+        except (RuntimeError, ValueError, NameError, OverflowError) as error:  # RuntimeError: pyogrio's own
+            reason = show(" ".join(str(error).split()))
+            raise InputError(
+                f"{path}: found a file that GDAL cannot read ({reason}), wanted another or a whole one"
+            ) from None
+    if len(layers) != 1:
+        raise InputError(
+            f"{path}: found {len(layers)} layers ({show(', '.join(layers))}), wanted one of landmarks"
+        )
+    lines = list(dict.fromkeys(" ".join(str(each.message).split()) for each in said))
+    if lost := next((line for line in lines if _LOST.search(line)), None):
+        raise InputError(
+            f"{path}: found values that are not what they should be ({show(lost)}), wanted others"
+        )
+    return meta, geometry, attributes, [f"{path}: GDAL says {show(line)}" for line in lines]
 
 
 def _table(path: Path, geometry: Any, attributes: dict[str, Any], flat: bool) -> Table:

@@ -8,7 +8,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from ...physics.errors import InputError
-from ..gis.drivers import open_raster
+from ..gis.drivers import open_raster, reading
 from .from_rows import from_rows
 from .ground_points import GroundPoints
 from .layouts import RASTERIO
@@ -16,7 +16,7 @@ from .layouts import RASTERIO
 
 def read_tags(path: Path, crs: str | None = None) -> GroundPoints:
     """The control points of an image without georeference of its own, named as its file is."""
-    with open_raster(path) as dataset:
+    with open_raster(path) as dataset, reading(path):
         points, stated = dataset.gcps
     if not points:
         raise InputError(f"{path}: found no ground control points in its tags, wanted an image that has them")

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from ...physics.errors import InputError
 from ..text.files import composed, show
+from ..text.numbers import MOST_FINITE
 from .cells import NUMBER, Array, Columns, cell_error, none_kept, to_numbers
 from .csv_rows import CsvLines
 from .schema import Schema
@@ -103,7 +104,7 @@ def _csv_columns(path: Path, schema: Schema) -> Columns | None:
         table = batches.read_all()
     found = {name: table[place].to_numpy() for name, place in numbers.items()}
     columns = {name: _trimmed(table[place]) for name, place in texts.items()}
-    if not all(np.isfinite(values).all() for values in found.values()):
+    if not all((np.abs(values) < MOST_FINITE).all() for values in found.values()):
         return None
     if table.num_rows == 0 or any(_first_empty(column) is not None for column in columns.values()):
         return None
@@ -168,12 +169,14 @@ def read_binary(path: Path, kind: str) -> Any:
         if kind == "Parquet":
             from pyarrow import parquet
 
-            return parquet.ParquetFile(path).read()
-        with pa.memory_map(str(path)) as file:
-            table = (pa.ipc.open_file(file) if kind == "Arrow" else pa.ipc.open_stream(file)).read_all()
-            table.validate(full=True)  # what Arrow reads it believes, and then leaves its own memory
-            return table
-    except (pa.ArrowException, OSError) as error:
+            table = parquet.ParquetFile(path).read()
+        else:
+            with pa.memory_map(str(path)) as file:
+                table = (pa.ipc.open_file(file) if kind == "Arrow" else pa.ipc.open_stream(file)).read_all()
+        table.validate(full=True)  # what Arrow reads it believes, and then leaves its own memory
+        table.schema.names  # noqa: B018  decoded here, where they may be no text
+        return table
+    except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
         reason = show(str(error))[1:-1]
         raise InputError(f"{path}: found a damaged {kind} file ({reason}), wanted a whole one") from None
 
@@ -273,7 +276,7 @@ def _numbers(at: At, column: str, values: Any) -> Array:
     if not any(good(values.type) for good in (types.is_integer, types.is_floating, types.is_decimal)):
         raise _type_error(name, column, values, "numbers")
     array = np.asarray(values.cast("float64", safe=False).to_numpy())
-    good = np.isfinite(array)
+    good = np.abs(array) < MOST_FINITE
     if not good.all():
         row = int(np.argmin(good))
         raise cell_error(name, row_number(row), column, float(array[row]), NUMBER)

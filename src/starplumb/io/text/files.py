@@ -25,6 +25,11 @@ _MARKS = (
 )
 
 
+def cut(text: str) -> str:
+    """``text`` as far as a message repeats it."""
+    return text if len(text) <= _SHOWN else text[: _SHOWN - 3] + "..."
+
+
 def show(value: object) -> str:
     """``value`` as one short line: text in double quotes, control characters escaped, as in TOML."""
     if isinstance(value, bool):
@@ -32,11 +37,10 @@ def show(value: object) -> str:
     if isinstance(value, list | tuple):
         text = "[" + ", ".join(show(item) for item in value[:8]) + (", ...]" if len(value) > 8 else "]")
     elif isinstance(value, str):
-        body = value if len(value) <= _SHOWN else value[: _SHOWN - 3] + "..."
-        return '"' + "".join(c if c.isprintable() else repr(c)[1:-1] for c in body) + '"'
+        return '"' + "".join(c if c.isprintable() else repr(c)[1:-1] for c in cut(value)) + '"'
     else:
         text = " ".join(str(value).split())
-    return text if len(text) <= _SHOWN else text[: _SHOWN - 3] + "..."
+    return cut(text)
 
 
 def composed(text: str) -> str:

@@ -18,6 +18,16 @@ from .numbers import finite_float
 Array = NDArray[np.float64]
 
 
+def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """The object of its pairs, for ``json``; ValueError for a key that stands twice: which value is meant is open."""
+    found: dict[str, Any] = {}
+    for key, value in pairs:
+        if key in found:
+            raise ValueError(f"the key {show(key)} stands twice in one object")
+        found[key] = value
+    return found
+
+
 @dataclass(frozen=True)
 class JsonNode:
     """An object of a JSON file; ``key`` is where it stands, with dots between."""
@@ -30,7 +40,7 @@ class JsonNode:
     def of(cls, path: Path, text: str) -> JsonNode:
         """The object that a text is. Raises InputError."""
         try:
-            value = json.loads(text)
+            value = json.loads(text, object_pairs_hook=unique)
         except (ValueError, RecursionError) as error:
             reason = " ".join(str(error).split())
             raise InputError(f"{path}: found text that is not JSON ({reason}), wanted an object") from None
@@ -76,10 +86,9 @@ class JsonNode:
         value = self._get(name)
         wanted = f"finite numbers, {' x '.join('n' if n < 0 else str(n) for n in shape)}"
         try:
-            found = np.array(value, dtype=np.float64)
-            if found.dtype != np.float64 or not np.isfinite(found).all():
-                raise ValueError
-            return found.reshape(shape)
+            found = np.array(value, dtype=object)
+            each = [finite_float(item) for item in found.ravel().tolist()]
+            return np.array(each, dtype=np.float64).reshape(shape)  # None is no float
         except (ValueError, TypeError):
             raise self.error(name, value, wanted) from None
 

@@ -1,8 +1,8 @@
 """Numbers written in text, by one rule for every reader.
 
 A number is ASCII digits with at most one decimal point, a sign before them or none, and an exponent of ten or none; it
-is read as the nearest double, which must be finite.  So ``nan``, ``1_000`` and digits of other scripts are none, though
-Python's own ``float`` takes them.
+is read as the nearest double.  So ``nan``, ``1_000`` and digits of other scripts are none, though Python's ``float``
+takes them; nor is one of 1e75 or more, whose square or fourth power no double holds, and which no quantity has.
 """
 
 from __future__ import annotations
@@ -10,19 +10,33 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Sequence
 from decimal import Decimal
-from math import isfinite
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+MOST_FINITE = 1e75
+"""What is as large as this counts as not finite."""
 _LETTERS = b"0123456789.+-eE \t"
 _BLANKS = " \t"
 _NUMBER = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+))(?:[eE]([-+]?\d{1,6}))?", re.ASCII)
 _WHOLE = re.compile(r"[-+]?\d{1,18}", re.ASCII)
 _MOST_DIGITS = 400
 """Of a decimal number that is kept exactly, and the largest of its exponents."""
+
+
+LEAST_SIGMA, MOST_SIGMA = 1e-6, 1e7
+"""In the unit that a key or column names; beyond them squares and their ratios leave what doubles can add up."""
+SIGMA_WORDS = f"{LEAST_SIGMA:g} to {MOST_SIGMA:g}"
+LEAST, MOST = 1e-9, 1e12
+"""Of other positive numbers."""
+
+
+def is_sigma(x: Array | float, exact: bool = True) -> Any:
+    """Whether numbers, of any shape, can be sigmas; ``exact`` lets 0 be one, which claims an exact value."""
+    return ((x >= LEAST_SIGMA) & (x <= MOST_SIGMA)) | (exact & (x == 0.0))
 
 
 def numbers(texts: Sequence[str], power: int = 0) -> Array:
@@ -35,7 +49,7 @@ def numbers(texts: Sequence[str], power: int = 0) -> Array:
         values = np.fromiter(map(float, scaled), dtype=np.float64, count=len(texts))
     except ValueError:  # an exponent of its own, or no number
         return _singly(texts, power)
-    values[~np.isfinite(values)] = np.nan
+    values[~(np.abs(values) < MOST_FINITE)] = np.nan
     return values
 
 
@@ -45,7 +59,7 @@ def number(text: str, power: int = 0) -> float:
     if found is None:
         return np.nan
     value = float(f"{found[1]}e{int(found[2] or 0) + power}")
-    return value if isfinite(value) else np.nan
+    return value if abs(value) < MOST_FINITE else np.nan
 
 
 def decimal(text: str) -> Decimal | None:
@@ -70,7 +84,7 @@ def finite_float(value: object) -> float | None:
         found = float(value)
     except OverflowError:
         return None
-    return found if isfinite(found) else None
+    return found if abs(found) < MOST_FINITE else None
 
 
 def _singly(texts: Sequence[str], power: int) -> Array:

@@ -8,7 +8,7 @@ from typing import Any, Self
 from pydantic import BaseModel, ConfigDict, ModelWrapValidatorHandler, ValidationError, model_validator
 from pydantic_core import ErrorDetails, InitErrorDetails, PydanticCustomError
 
-from .files import nearest, show
+from .files import cut, nearest, show
 
 
 def wrong(found: object, wanted: str) -> PydanticCustomError:
@@ -57,7 +57,7 @@ def complaints(error: ValidationError) -> list[str]:
     """Every complaint of a validation as ``section.key: sentence``."""
     lines = []
     for detail in error.errors(include_url=False):
-        key = ".".join(str(part) for part in detail["loc"])
+        key = ".".join(cut(str(part)) for part in detail["loc"])
         lines.append(f"{key}: {detail['msg']}" if key else detail["msg"])
     return lines
 

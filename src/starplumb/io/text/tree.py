@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ...physics.errors import EpochError, InputError
 from ...physics.timescales import parse
 from .files import read_bytes, show
-from .numbers import numbers
+from .numbers import LEAST, MOST, numbers
 from .xml_tree import parse_xml
 
 Array = NDArray[np.float64]
@@ -72,14 +72,21 @@ class Node:
         """The first element at ``A/B/C`` below this one, or None."""
         node: Node | None = self
         for key in keys.split("/"):
-            node = next(iter(node.all(key)), None) if node else None
+            node = node._first(key) if node else None
         return node
+
+    def _first(self, key: str) -> Node | None:
+        """The first child of that name.  Raises InputError where several hold texts that differ."""
+        found = self.all(key)
+        if len(found) > 1 and len({node.text for node in found if not len(node.element)}) > 1:
+            raise self.error(f"{len(found)} times {key}, each with another value", "one")
+        return found[0] if found else None
 
     def need(self, keys: str) -> Node:
         """As :meth:`find`. Raises InputError where it is missing."""
         node = self
         for key in keys.split("/"):
-            below = next(iter(node.all(key)), None)
+            below = node._first(key)
             if below is None:
                 raise node.error(f"no {key}", f"the key {keys}")
             node = below
@@ -117,8 +124,8 @@ class Node:
 
     def positive(self) -> float:
         value = self.number()
-        if value <= 0.0:
-            raise self.error(show(self.text), "a positive number")
+        if not LEAST <= value <= MOST:
+            raise self.error(show(self.text), f"a positive number, {LEAST:g} to {MOST:g}")
         return value
 
     def whole(self, least: int = 0) -> int:

@@ -11,11 +11,13 @@ import numpy as np
 from pydantic import BeforeValidator, Field
 
 from .files import show
-from .numbers import finite_float
+from .numbers import LEAST, MOST, SIGMA_WORDS, finite_float, is_sigma
 from .sections import wrong
 
 UNIT_TOLERANCE = 1e-3
 """How far a quaternion's norm may be from 1 and a matrix from orthonormal; both are then made exact."""
+_LONGEST = 400
+"""Of names, of which messages repeat those of files whole."""
 _ROUNDED = 1e-6
 """Part of its largest entry by which a covariance written with few digits may miss being symmetric and positive."""
 
@@ -58,17 +60,22 @@ def one_or_three(wanted: str, good: Callable[[float], bool]) -> Callable[[object
 
 
 def _positive(x: float) -> bool:
-    return x > 0.0
+    return LEAST <= x <= MOST
 
 
-def _not_negative(x: float) -> bool:
-    return x >= 0.0
+def sigma_or_zero(x: float) -> bool:
+    """Whether a number can be a sigma; 0 claims an exact value."""
+    return bool(is_sigma(x))
+
+
+def _sigma(x: float) -> bool:
+    return bool(is_sigma(x, exact=False))
 
 
 def printable(value: object) -> object:
     """A name with something in it and nothing that would break a line."""
-    if isinstance(value, str) and (not value.strip() or not value.isprintable()):
-        raise wrong(value, "a name of printable letters")
+    if isinstance(value, str) and (not value.strip() or not value.isprintable() or len(value) > _LONGEST):
+        raise wrong(value, f"a name of printable letters, at most {_LONGEST}")
     return value
 
 
@@ -186,7 +193,7 @@ Text = Annotated[str, BeforeValidator(printable)]
 Positive = Annotated[
     float,
     BeforeValidator(
-        number("a positive finite number", _positive),
+        number(f"a positive finite number, {LEAST:g} to {MOST:g}", _positive),
         json_schema_input_type=Annotated[float, Field(gt=0)],
     ),
 ]
@@ -201,14 +208,18 @@ OneOrThree = float | tuple[float, float, float]
 Sigma = Annotated[
     tuple[float, float, float],
     BeforeValidator(
-        one_or_three("one finite number or three, none negative (0 claims an exact value)", _not_negative),
+        one_or_three(
+            f"one finite number or three, none negative (0 claims an exact value, else {SIGMA_WORDS})",
+            sigma_or_zero,
+        ),
         json_schema_input_type=OneOrThree,
     ),
 ]
 Prior = Annotated[
     tuple[float, float, float],
     BeforeValidator(
-        one_or_three("one positive finite number or three", _positive), json_schema_input_type=OneOrThree
+        one_or_three(f"one positive finite number or three, {SIGMA_WORDS}", _sigma),
+        json_schema_input_type=OneOrThree,
     ),
 ]
 _FrameNames = Literal["ITRF", "GCRF", "J2000", "EME2000", "ICRF", "TEME", "TOD", "MOD"]

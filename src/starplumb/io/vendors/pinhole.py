@@ -112,8 +112,10 @@ def _require_sound(path: Path, pinhole: _Pinhole) -> None:
 
 def _tsai(path: Path, text: str) -> _Pinhole:
     lines = [line.strip() for line in text.splitlines() if line.strip()]
-    values = dict(line.split("=", 1) for line in lines if "=" in line)
-    values = {key.strip(): value for key, value in values.items()}
+    values: dict[str, str] = {}
+    for key, _, value in (line.partition("=") for line in lines if "=" in line):
+        if values.setdefault(key.strip(), value) is not value:
+            raise InputError(f"{path}, {key.strip()}: found it again, wanted it once")
 
     def several(key: str, n: int) -> Array:
         words = values.get(key, "").split()

@@ -15,9 +15,10 @@ from ...ground.geolocation import beside_gaps, block_count, positions, terrain_b
 from ...ground.locate import Location, ground
 from ...ground.terrain import ground_height, slopes
 from ...io.campaign.marks.markers import bounds_px, meant
-from ...io.gis.heights import Heights, Surface
+from ...io.gis.heights import HEIGHTS_M, Heights, Surface
 from ...io.gis.heights import surface as dem_surface
 from ...io.text.files import composed
+from ...io.text.numbers import SIGMA_WORDS, is_sigma
 from ...physics.errors import ArgumentError, InputError
 from ...physics.units import DEG
 from ...table.coverage import covered, why_not
@@ -157,8 +158,9 @@ def view_of(
     geoid: str | Path | None = None,
 ) -> View:
     """The image and what is needed to locate its pixels, checked."""
-    if height_m is not None and not np.isfinite(height_m):
-        raise ArgumentError("height_m", f"found {height_m}, wanted a finite number")
+    low, high = HEIGHTS_M
+    if height_m is not None and not low <= height_m <= high:
+        raise ArgumentError("height_m", f"found {height_m:g}, wanted a finite number, {low:g} to {high:g}")
     if height_m is not None and dem is not None:
         raise ArgumentError("height_m", "found beside a DEM, wanted only one of the two")
     below = None if dem is None else dem_surface(Path(dem), heights, None if geoid is None else Path(geoid))
@@ -178,6 +180,9 @@ def image_of(campaign: Campaign, image: str) -> int:
 def place(view: View, pixel: tuple[float, float], sigma_px: float, sigma_height_m: float) -> Place:
     """The ground position of a pixel, counted as the user does, with its covariance."""
     loaded = view.campaign.loaded
+    for name, sigma in (("sigma_px", sigma_px), ("sigma_height_m", sigma_height_m)):
+        if not is_sigma(sigma):
+            raise ArgumentError(name, f"found {sigma:g}, wanted 0 or a number from {SIGMA_WORDS}")
     _require_inside(view.campaign, *pixel)
     ours = np.array([pixel]) - loaded.shift_px
     height_m = _ground_height(view, ours[0], pixel)

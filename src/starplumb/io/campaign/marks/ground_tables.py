@@ -16,6 +16,7 @@ from ...points.ground_points import GroundPoints
 from ...points.read import read_ground_points
 from ...tables.columns import GEODETIC, SIGMA_ENU
 from ...text.files import composed, show
+from ...text.numbers import SIGMA_WORDS, is_sigma
 from ...text.write import csv_text
 
 Array = NDArray[np.float64]
@@ -33,8 +34,15 @@ class Sigmas:
         n = len(points.landmark_id)
         enu = _only(path, "--sigma-m", points.sigma_enu, self.enu_m, "sigmas of the places")
         px = _only(path, "--sigma-px", points.sigma_px, self.px, "sigmas of the pixels")
-        if not np.all(np.isfinite(px) & (px > 0.0)):
-            raise InputError(f"{path}: found a pixel sigma of {np.min(px):g}, wanted a positive number")
+        for what, values, good in (
+            ("a pixel sigma", px, is_sigma(px, exact=False)),
+            ("a sigma", enu, is_sigma(enu)),
+        ):
+            if not np.all(good):
+                found = np.ravel(values)[np.argmin(good)]
+                raise InputError(
+                    f"{path}: found {what} of {found:g}, wanted a positive number, {SIGMA_WORDS}"
+                )
         return np.broadcast_to(enu, (n, 3)), np.broadcast_to(px, (n,))
 
 

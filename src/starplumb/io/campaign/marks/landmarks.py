@@ -10,14 +10,15 @@ from ....physics.earth import C_JT, geodetic_to_itrf, itrf_to_geodetic
 from ....physics.errors import InputError
 from ....physics.units import DEG
 from ....table.campaign import Landmarks
-from ...gis.heights import Ground
+from ...gis.heights import HEIGHTS_M, Ground
 from ...tables.cells import Array
 from ...tables.columns import CARTESIAN, GEODETIC, SIGMA_ENU
 from ...tables.declared import UNDECLARED, Declared
 from ...tables.read import Table, TableSource, other_format, read_table
+from ...text.numbers import SIGMA_WORDS, is_sigma
 from .point_files import PointFiles
 
-LIMITS = {"latitude_deg": (-90.0, 90.0), "longitude_deg": (-180.0, 360.0), "height_m": (-1000.0, 9500.0)}
+LIMITS = {"latitude_deg": (-90.0, 90.0), "longitude_deg": (-180.0, 360.0), "height_m": HEIGHTS_M}
 RADIUS_M = (6.3e6, 6.4e6)
 _BLOCK = 1 << 14
 
@@ -102,7 +103,9 @@ def surveyed(table: Table) -> tuple[Array, Array]:
     columns = _one_of(table, ("sigma_m",), SIGMA_ENU)
     for name in columns:
         table.require(
-            table.numbers[name] >= 0.0, name, "a sigma in metres, 0 or more (0 claims an exact landmark)"
+            is_sigma(table.numbers[name]),
+            name,
+            f"a sigma in metres, 0 or more (0 claims an exact landmark, else {SIGMA_WORDS})",
         )
     sigma = np.broadcast_to(table.columns(*columns), (len(table), 3))
     return r_J, _turned(sigma, latitude, longitude)

@@ -19,6 +19,7 @@ from ...tables.declared import UNDECLARED, Declared
 from ...tables.lookup import places
 from ...tables.read import Table, TableSource, read_table
 from ...text.files import nearest, show
+from ...text.numbers import SIGMA_WORDS, is_sigma
 from .point_files import PointFiles
 
 Index = NDArray[np.int64]
@@ -150,16 +151,16 @@ def _pixels(table: Table, grid: Grid) -> dict[str, Any]:
 
 def _noise(table: Table) -> dict[str, Array | None]:
     """``sigma_px`` and ``ellipse`` of the marks, from one sigma or from two and their correlation."""
-    wanted = "a positive number of pixels"
+    wanted = f"a positive number of pixels, {SIGMA_WORDS}"
     if SIGMA_PX[0] not in table.numbers:
-        table.require(table.numbers["sigma_px"] > 0.0, "sigma_px", wanted)
+        table.require(is_sigma(table.numbers["sigma_px"], exact=False), "sigma_px", wanted)
         return {"sigma_px": table.numbers["sigma_px"], "ellipse": None}
     if "sigma_px" in table.numbers:
         found = f"found the column {table.declared.name(SIGMA_PX[0])} beside {table.declared.key}.sigma_px"
         raise InputError(f"{table.source}: {found}, wanted only one of the two")
     column, row, correlation = (table.numbers[name] for name in SIGMA_PX)
     for name in SIGMA_PX[:2]:
-        table.require(table.numbers[name] > 0.0, name, wanted)
+        table.require(is_sigma(table.numbers[name], exact=False), name, wanted)
     limit = f"a correlation of column and row, from -{CORRELATED} to {CORRELATED}"
     table.require(np.abs(correlation) <= CORRELATED, SIGMA_PX[2], limit)
     sigma, ellipse = ellipse_of(column, row, correlation)

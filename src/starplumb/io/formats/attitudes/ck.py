@@ -28,6 +28,7 @@ from ..spice import loaded, spiceypy_module, t_ns_of_tdb
 CK_START = "DAF/CK"
 _DISCRETE = (1, 3)
 _STEP_S = 0.1
+_MOST_TDB_S = 6e9
 _MOST_SAMPLES = 1_000_000
 _CK_FRAME, _TK_FRAME = 3, 4
 _MOST_TURNS = 8
@@ -166,14 +167,14 @@ def _read(
     q = unit(
         np.roll(quaternions, -1, axis=1), lambda row, fault: InputError(f"{path}, sample {row + 1}: {fault}")
     )
-    return _Segment(_epochs(spice, clock, ticks), q, starts, name)
+    return _Segment(_epochs(spice, path, clock, ticks), q, starts, name)
 
 
 def _sampled(
     spice: ModuleType, path: Path, structure: int, ends: FloatArray, clock: int, reference: str
 ) -> _Segment:
     """A segment that is no list of samples, at most a tenth of a second apart; what it has no attitude for parts it."""
-    first, last = (float(spice.sct2e(clock, float(tick))) for tick in ends)
+    first, last = _of_an_age(path, np.array([spice.sct2e(clock, float(tick)) for tick in ends])).tolist()
     n = int(np.ceil((last - first) / _STEP_S - 1e-6)) + 1
     if not 1 <= n <= _MOST_SAMPLES:
         raise InputError(
@@ -188,15 +189,24 @@ def _sampled(
     matrices = np.array([answer[0] for answer in answers])[there]
     starts = np.cumsum(there)[there & ~np.roll(there, 1)] - 1
     return _Segment(
-        _epochs(spice, clock, ticks[there]),
+        _epochs(spice, path, clock, ticks[there]),
         so3.to_quaternion(matrices),
         tuple(sorted({0, *starts.tolist()})),
         reference,
     )
 
 
-def _epochs(spice: ModuleType, clock: int, ticks: FloatArray) -> EpochArray:
-    return t_ns_of_tdb(np.array([spice.sct2e(clock, float(tick)) for tick in ticks]))
+def _epochs(spice: ModuleType, path: Path, clock: int, ticks: FloatArray) -> EpochArray:
+    return t_ns_of_tdb(_of_an_age(path, np.array([spice.sct2e(clock, float(tick)) for tick in ticks])))
+
+
+def _of_an_age(path: Path, seconds: FloatArray) -> FloatArray:
+    """Times that nanoseconds can count.  Raises InputError for others, as a wrong clock gives."""
+    if not (np.abs(seconds) < _MOST_TDB_S).all():
+        raise InputError(
+            f"{path}: found times that its clock puts centuries away, wanted the clock of this kernel"
+        )
+    return seconds
 
 
 def _one_reference(spice: ModuleType, path: Path, found: list[_Segment]) -> tuple[str, list[_Segment]]:

@@ -46,6 +46,8 @@ def read_orbex(path: Path, satellite: str | None = None) -> AttitudeTable:
     for at, block, line in _lines(path):
         if block == "FILE/DESCRIPTION":
             key, _, value = line.strip().partition(" ")
+            if key in described and key in ("TIME_SYSTEM", "FRAME_TYPE"):
+                raise InputError(f"{path}, line {at}: found {key} again, wanted it once")
             described[key] = (at, value.strip())
         elif block == "EPHEMERIS/DATA" and line.startswith("##"):
             epoch = _epoch(path, at, line)

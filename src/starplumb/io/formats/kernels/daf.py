@@ -27,6 +27,8 @@ _MOST_DEGREE = 25
 _MOST_TIME = 1e19
 """Of seconds or ticks of a clock."""
 _MOST_NUMBER = 1e30
+_FAR_S = 1e6
+"""Of the two bodies' orbit from the nearest state."""
 _GROUP = 100
 """Of how many values a directory names the last."""
 
@@ -102,7 +104,7 @@ def require_whole(path: Path, kernel: Path) -> None:
     """Raise InputError where the segments of ``kernel``, the user's file ``path``, are not what they say."""
     with kernel.open("rb") as file:
         head = file.read(_RECORD)
-        words = file.seek(0, 2) // _WORD
+        words = file.seek(0, 2) // _RECORD * (_RECORD // _WORD)  # SPICE reads whole records
         order = _ORDER.get(head[88:96])
         if head.startswith(b"NAIF/DAF"):  # of old, which do not say
             order = next((each for each in "<>" if struct.unpack(f"{each}2i", head[8:16]) == (2, 6)), None)
@@ -125,8 +127,8 @@ def require_whole(path: Path, kernel: Path) -> None:
                 raise InputError(f"{path}: found a segment of type {segment.kind}, wanted one of {wanted}")
             if segment.length < _MOST_TAIL:
                 raise daf.broken(f"a segment of {segment.length} words, wanted a whole file")
-            checks[segment.kind](daf, segment)
             daf.require_numbers(segment.begin, segment.length)
+            checks[segment.kind](daf, segment)
 
 
 def _segments(daf: _Daf, first: int, last: int, spk: bool) -> Iterator[_Segment]:
@@ -213,6 +215,9 @@ def _chebyshev(components: int) -> _Check:
 def _two_body(daf: _Daf, segment: _Segment) -> None:
     n = daf.count(segment.end, "the number of states", 1)
     _at_times(daf, segment, n, 6, n // _GROUP, 2)
+    first, last = daf.numbers(segment.begin + 6 * n, 1)[0], daf.numbers(segment.begin + 7 * n - 1, 1)[0]
+    if segment.opens < first - _FAR_S or segment.closes > last + _FAR_S:
+        raise daf.broken("a segment for times far from its states, wanted those about them")
     (mass,) = daf.numbers(segment.end - 1, 1)
     states = np.array(daf.numbers(segment.begin, 6 * n)).reshape(n, 6)
     distance, speed = np.linalg.norm(states[:, :3], axis=1), np.linalg.norm(states[:, 3:], axis=1)

@@ -61,6 +61,10 @@ def parse(path: Path, block: str, kinds: dict[str, int]) -> StkFile:
             file.kind, file.kind_line = spelt[key], at
             break
         elif len(words) > 1 and key not in ("begin", "end"):
+            if key in file.keys:
+                raise file.error(
+                    at, f"found {words[0]} again (first on line {file.keys[key][0]}), wanted it once"
+                )
             file.keys[key] = (at, text.split(None, 1)[1].strip().strip('"'))
     if not file.kind:
         raise InputError(f"{path}: found no data of an {block.lower()}, wanted {', '.join(kinds)}")
