@@ -14,7 +14,8 @@ from .config import CampaignConfig
 from .marks.point_files import PointFiles
 from .settings import Settings
 
-_BESIDE = (".dbf", ".prj")
+_RASTERS = ("landmarks.dem", "landmarks.geoid")
+_BESIDE = (".shx", ".dbf", ".prj", ".cpg")
 """Endings of files that belong to a shapefile."""
 
 
@@ -61,7 +62,7 @@ class Files:
         """The digest of every table and file by its name, and of ``further`` ones that the tables name."""
         found: dict[str, str] = {}
         for key, name in self.names.items():
-            found |= _fingerprints(name, self.tables[key])
+            found |= _fingerprints(name, self.tables[key], raster=key in _RASTERS)
         for each in self.points.values():
             found |= {name: fingerprint(path) for name, path in zip(each.names, each.paths, strict=True)}
         return found | {name: fingerprint(self.folder / name) for name in further}
@@ -102,12 +103,17 @@ def _point_files(config: CampaignConfig, given: Settings) -> dict[str, PointFile
     return {key: files for key, files in found.items() if files is not None}
 
 
-def _fingerprints(name: str, place: TableSource) -> dict[str, str]:
-    """Digest of a table or file, and of those that belong to it: a shapefile keeps its attributes in a second one."""
+def _fingerprints(name: str, place: TableSource, raster: bool = False) -> dict[str, str]:
+    """Digest of a table or file, and of those that are read with it: a shapefile keeps its attributes in a second one,
+    a raster may keep what it lacks beside it."""
     if isinstance(place, Frame):
         return {name: place.fingerprint()}
-    parts = {Path(name).with_suffix(end).as_posix(): place.with_suffix(end) for end in _BESIDE}
-    beside = {key: part for key, part in parts.items() if _is_shape(place) and part.is_file()}
+    parts = [place.with_suffix(end) for end in _BESIDE] if _is_shape(place) else []
+    if raster:
+        from ..gis.drivers import parts_of
+
+        parts = parts_of(place)
+    beside = {Path(name).with_name(part.name).as_posix(): part for part in parts if part.is_file()}
     return {key: fingerprint(part) for key, part in ({name: place} | beside).items()}
 
 

@@ -86,6 +86,12 @@ def open_raster(path: Path) -> DatasetReader:
     return dataset
 
 
+def parts_of(path: Path) -> list[Path]:
+    """The files that GDAL reads of a raster: it, and what lies beside it under its name."""
+    with open_raster(path) as dataset:
+        return [Path(name) for name in dataset.files]
+
+
 @contextmanager
 def reading(path: Path) -> Iterator[None]:
     """Whatever GDAL finds wrong while it reads a raster, in a sentence."""
