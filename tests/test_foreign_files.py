@@ -2,15 +2,28 @@
 
 from __future__ import annotations
 
+import re
 import threading
 from http.server import BaseHTTPRequestHandler, HTTPServer
 
+import numpy as np
 import pytest
 
+from bad_cases import OEM
 from command import demo, starplumb
 from starplumb.io.formats.oem import read_oem
+from starplumb.io.formats.registry import ATTITUDES, ORBITS, Asked, recognised
+from starplumb.io.formats.sp3 import read_sp3
+from starplumb.io.gis.heights import surface
+from starplumb.io.gis.vector import read_points
+from starplumb.io.points.named import read_geojson_points
+from starplumb.io.points.qgis import read_qgis
+from starplumb.io.tables.read import read_table
+from starplumb.io.text.json_node import JsonNode
 from starplumb.io.text.pvl import read_pvl
 from starplumb.physics.errors import InputError
+from test_orbex import ORBEX
+from test_stk import EPHEMERIS as STK_ORBIT
 
 
 @pytest.fixture
@@ -88,3 +101,151 @@ def test_text_of_a_hundred_thousand_lines_is_no_metadata(shared_cases):
     """Read in one go: the pattern that it once was matched against needed minutes."""
     with pytest.raises(InputError, match=r"pvl-redos\.IMD, line 1: found "):
         read_pvl(shared_cases / "files" / "pvl-redos.IMD")
+
+
+def test_an_orbit_second_below_zero_or_too_many_words_are_no_epoch(shared_cases):
+    for name in ("sp3-second-minus-half", "sp3-seven-words"):
+        with pytest.raises(InputError, match=rf"{name}\.sp3, line 1\d: found .*, wanted \* year month day"):
+            read_sp3(shared_cases / "files" / f"{name}.sp3")
+
+
+TWICE = {
+    "a.oem": (OEM.replace("META_STOP", "CCSDS_OEM_VERS = 2.0\nMETA_STOP"), "CCSDS_OEM_VERS a second time"),
+    "b.oem": (OEM.replace("META_STOP", "REF_FRAME = GCRF\nMETA_STOP"), "found REF_FRAME a second time"),
+    "a.e": (STK_ORBIT.replace("CoordinateSystem ", "DistanceUnit Meters\nCoordinateSystem "), "again"),
+    "a.obx": (ORBEX.replace(" FRAME_TYPE ", " FRAME_TYPE ECI\n FRAME_TYPE "), "found FRAME_TYPE again"),
+    "a.geojson": (
+        '{"type": "FeatureCollection", "type": "X", "features": []}',
+        'the key "type" stands twice',
+    ),
+    "a.json": ('{"a": 1, "b": {"c": 1, "c": 2}}', 'the key "c" stands twice'),
+}
+
+
+def read_whatever(path):
+    if path.suffix == ".geojson":
+        return read_geojson_points(path)
+    if path.suffix == ".json":
+        return JsonNode.of(path, path.read_text())
+    attitude = path.suffix == ".obx"
+    return recognised(path, ATTITUDES if attitude else ORBITS).read(path, Asked("L47" if attitude else None))
+
+
+@pytest.mark.parametrize("name", TWICE)
+def test_a_key_given_twice_leaves_open_which_is_meant(tmp_path, name):
+    text, says = TWICE[name]
+    path = tmp_path / name
+    path.write_text(text)
+    with pytest.raises(InputError, match=re.escape(says)) as error:
+        read_whatever(path)
+    assert str(error.value).startswith(str(path))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "/etc/passwd",
+        "http://127.0.0.1:9/crs.prj",
+        "WGS 84",
+        "+proj=utm +zone=33 +nadgrids=/etc/passwd",
+        "+proj=pipeline +step +proj=utm",
+        "+init=/etc/passwd:x",
+        'BOUNDCRS[SOURCECRS[GEOGCRS["x"]],ABRIDGEDTRANSFORMATION["x",PARAMETERFILE["x","/etc/passwd"]]]',
+        'PROJCS["x",EXTENSION["PROJ4","+proj=merc +nadgrids=http://127.0.0.1:9/x"]]',
+    ],
+)
+def test_a_reference_system_names_no_file(tmp_path, text):
+    pytest.importorskip("pyproj", reason="needs the extra gis")
+    path = tmp_path / "scene.points"
+    path.write_text(f"#CRS: {text}\nmapX,mapY,sourceX,sourceY,enable\n9.25,45.5,100.5,-200.5,1\n")
+    with pytest.raises(InputError, match=r"scene\.points: found the reference system "):
+        read_qgis(path)
+
+
+def dem(folder, cells="5.0 5.0 5.0 5.0", rows=2, after=""):
+    """A grid of 2 x 2 cells about latitude 0, longitude 0."""
+    text = f"ncols 2\nnrows {rows}\nxllcorner -1\nyllcorner -1\ncellsize 1\n{cells}\n{after}"
+    (folder / "dem.asc").write_text(text)
+    (folder / "dem.prj").write_text(
+        'GEOGCS["GCS_WGS_1984",DATUM["D_WGS_1984",SPHEROID["WGS_1984",6378137.0,298.257223563]],'
+        'PRIMEM["Greenwich",0.0],UNIT["Degree",0.0174532925199433]]'
+    )
+    return folder / "dem.asc"
+
+
+def heights(path):
+    return surface(path, "ellipsoidal", None).heights(np.zeros(1), np.zeros(1), ("L1",))
+
+
+@pytest.mark.parametrize("cell", ["-9999", "-32768", "9501", "1e30", "-1001"])
+def test_a_cell_that_no_ground_has_is_refused(tmp_path, cell):
+    pytest.importorskip("rasterio", reason="needs the extra gis")
+    assert heights(dem(tmp_path)) == 5.0
+    with pytest.raises(
+        InputError, match=r"dem\.asc: found a cell of .*, wanted -1000 to 9500 m, or a mark of no"
+    ):
+        heights(dem(tmp_path, f"5.0 5.0 5.0 {cell}"))
+
+
+@pytest.mark.parametrize("name", ["rows", "cut", "tiff", "sidecar"])
+def test_a_damaged_raster_is_one_sentence_and_no_line_of_gdal(tmp_path, name, capfd):
+    rasterio = pytest.importorskip("rasterio", reason="needs the extra gis")
+    path = tmp_path / "dem.tif"
+    profile = {
+        "driver": "GTiff",
+        "width": 64,
+        "height": 64,
+        "count": 1,
+        "dtype": "float32",
+        "crs": "EPSG:4326",
+    }
+    turn = rasterio.Affine(0.1, 0.0, -3.2, 0.0, -0.1, 3.2)
+    with rasterio.open(path, "w", **profile, transform=turn, compress="deflate") as file:
+        file.write(np.random.default_rng(1).random((1, 64, 64), dtype=np.float32))
+    data = path.read_bytes()
+    assert 0.0 < heights(path)[0] < 1.0
+    if name == "rows":
+        path = dem(tmp_path, rows=999999)
+    elif name == "cut":
+        path.write_bytes(data[:-2000])
+    elif name == "tiff":
+        path.write_bytes(data[:4] + b"\xff\x00\x00\x00" + data[8:])
+    else:
+        path = tmp_path / "other.tif"
+        path.write_bytes(b"not a raster at all")
+    with pytest.raises(InputError, match=r"(dem|other)\.(tif|asc): found ") as error:
+        heights(path)
+    assert str(error.value).isprintable()
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.slow
+def test_values_that_gdal_reads_otherwise_than_they_stand_are_refused(tmp_path, recwarn):
+    pytest.importorskip("pyogrio", reason="needs the extra gis")
+    place = '"geometry": {"type": "Point", "coordinates": [9.0, 1, 45.0, 100.0]}'
+    one = f'{{"type": "Feature", "properties": {{"landmark_id": "L1"}}, {place}}}'
+    text = f'{{"type": "FeatureCollection", "features": [{one}]}}'
+    (tmp_path / "a.geojson").write_text(text)
+    with pytest.raises(
+        InputError, match=r"a\.geojson: found values that are not what they should be .*too many"
+    ):
+        read_points(tmp_path / "a.geojson")
+    assert not recwarn.list
+
+
+def test_arrow_files_that_lie_about_their_memory_are_refused(tmp_path):
+    """An offset of a text far beyond its buffer: read as it stands, the process would end."""
+    pa = pytest.importorskip("pyarrow", reason="needs the extra fast")
+    table = pa.table({"image_id": ["first", "second"], "x": [1.0, 2.0]})
+    with pa.OSFile(str(tmp_path / "t.arrow"), "wb") as sink, pa.ipc.new_file(sink, table.schema) as writer:
+        writer.write_table(table)
+    data = (tmp_path / "t.arrow").read_bytes()
+    offsets = np.array([0, 5, 11], dtype="<i4").tobytes()
+    assert data.count(offsets) == 1
+    (tmp_path / "t.arrow").write_bytes(data.replace(offsets, np.array([0, 5, 2**30], dtype="<i4").tobytes()))
+    with pytest.raises(InputError, match=r"t\.arrow: found a damaged Arrow file"):
+        read_table(tmp_path / "t.arrow", texts=("image_id",))
+
+
+def test_letters_that_a_terminal_acts_upon_are_escaped():
+    assert str(InputError("a\x1b[31m\nb.csv: found \x00")) == "a\\x1b[31m\\nb.csv: found \\x00"
