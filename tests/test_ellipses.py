@@ -16,10 +16,15 @@ from starplumb.estimators.gls import Gls
 from starplumb.estimators.protocol import Status
 from starplumb.io.campaign.read import load_campaign
 from starplumb.io.campaign.write import write_campaign
+from starplumb.io.results.residual_table import residual_columns, residual_names
+from starplumb.io.scenario.read import load_scenario
 from starplumb.judge.calibrate import calibrate
+from starplumb.judge.error_shares import shares
 from starplumb.physics import so3
 from starplumb.physics.covariance import ellipse_of, ellipse_parts
 from starplumb.physics.errors import InputError
+from starplumb.plan.bound import bound_E
+from starplumb.report.calibration_figures import by_ellipse
 from starplumb.solve import chunks, design_rows
 from starplumb.solve.adjustment import solve
 from starplumb.solve.problem import Problem
@@ -129,6 +134,7 @@ def test_joined_and_blurred_by_hand() -> None:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shared_site", [False, True])
 def test_the_estimate_is_dense_least_squares_with_whole_covariances(shared_site, rng):
     """By SciPy, with one covariance of all observations and derivatives by differences."""
@@ -197,6 +203,72 @@ def test_a_source_that_is_an_ellipse_is_stated_as_one(rng):
     np.testing.assert_allclose(stated.noise_px, o.noise_px + np.diag([0.04, 0.0]), rtol=1e-9, atol=1e-15)
 
 
+SCENARIO = """\
+[scenario]
+name = "edges"
+epoch = "2026-03-20T10:00:00"
+[orbit]
+model = "circular"
+altitude_km = 500.0
+inclination_deg = 97.4
+[site]
+latitude_deg = 43.5
+longitude_deg = 4.9
+[camera]
+model = "frame"
+focal_length_mm = 400.0
+pixel_pitch_um = 4.5
+image_size_px = [4096, 4096]
+principal_point_px = [2047.5, 2047.5]
+[[passes]]
+pitch_deg = [10.0, 0.0, -10.0]
+[markers]
+layout = "grid"
+count = [3, 2]
+extent_km = [12.0, 10.0]
+[truth.edges]
+error = "pixel"
+sigma_column_px = 0.4
+sigma_row_px = 0.1
+correlation = 0.8
+"""
+
+
+def test_a_scenario_draws_and_states_ellipses(tmp_path, rng):
+    """0.4 and 0.1 px correlated by 0.8: [[0.16, 0.032], [0.032, 0.01]], in draws, table and bound."""
+    path = tmp_path / "edges.toml"
+    path.write_text(SCENARIO)
+    scenario = load_scenario(path)
+    by_hand = np.array([[0.16, 0.032], [0.032, 0.01]])
+    np.testing.assert_allclose(
+        scenario.stated.noise_px, np.broadcast_to(by_hand, (scenario.truth.n, 2, 2)), rtol=1e-9
+    )
+    drawn = scenario.sources[0].draw(rng, (3000,)).reshape(-1, 2)
+    np.testing.assert_allclose(np.cov(drawn.T), by_hand, rtol=0.05)
+    bound = bound_E(scenario)
+    sigma = np.sqrt(np.diag(bound))
+    found = Gls()(scenario.stated, scenario.C_EK_true).covariance_E
+    np.testing.assert_allclose(found / sigma / sigma[:, None], bound / sigma / sigma[:, None], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (
+            ("correlation = 0.8", "correlation = 1.0"),
+            "truth.edges.correlation: found 1.0, wanted a number between",
+        ),
+        (("correlation = 0.8", ""), "truth.edges.correlation: missing"),
+        (("correlation = 0.8", "correlation = 0.8\nsigma_px = 0.3"), "truth.edges.sigma_px: found 0.3"),
+    ],
+)
+def test_a_scenario_with_half_an_ellipse_is_refused(tmp_path, change, words):
+    path = tmp_path / "edges.toml"
+    path.write_text(SCENARIO.replace(*change))
+    with pytest.raises(InputError, match=words):
+        load_scenario(path)
+
+
 def statistics(o, rng, name, runs):
     """Errors over sigma of many campaigns by a method, its own starts included."""
     table = measure(o, C_EK_TRUE, Errors.draw(o, rng, (runs,)))
@@ -238,4 +310,13 @@ def test_residuals_and_shares_know_the_ellipse(rng):
     inverse = np.linalg.inv((o.sigma_px**2)[:, None, None] * o.ellipse)
     expected = np.sqrt(np.einsum("ni,nij,nj->n", r.fit_px, inverse, r.fit_px))
     np.testing.assert_allclose(r.normalised, expected, rtol=1e-9)
-    assert np.all(np.isfinite(done.estimate.covariance_E))
+    table = dict(zip(residual_names(done), residual_columns(done, 0.0), strict=True))
+    np.testing.assert_allclose(
+        [table[name] for name in THREE.split(",")], ellipse_parts(o.sigma_px, o.ellipse), rtol=1e-12
+    )
+    shares_E = sum(shares(done).values())
+    np.testing.assert_allclose(
+        shares_E, done.covariance_E, rtol=1e-6, atol=1e-9 * np.trace(done.covariance_E)
+    )
+    (figure,) = by_ellipse(done)
+    assert "ellipses" in figure.alt

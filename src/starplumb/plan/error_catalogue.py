@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..physics.camera import LineScanCamera
+from ..physics.covariance import ellipse_of
 from ..physics.earth import C_JT, itrf_to_geodetic
 from ..physics.errors import InputError
 from ..physics.light import inertial_velocity
@@ -281,6 +282,17 @@ def pixel(flight: Flight, name: str, sigma: float, shape: Distribution = _GAUSSI
     return Source(
         name, words, "pixel", pattern, np.arange(n), one, np.array([sigma]), ("",), UNIT_PIXEL, shape
     )
+
+
+def elongated_pixel(
+    flight: Flight, name: str, column: float, row: float, correlation: float, shape: Distribution = _GAUSSIAN
+) -> Source:
+    """Measuring error of each sighting with these sigmas of column and row, px, and their correlation; its own sigma is
+    the root mean square of the two."""
+    sigma, ellipse = ellipse_of(np.array(column), np.array(row), np.array(correlation))
+    one = pixel(flight, name, float(sigma), shape)
+    root = np.broadcast_to(np.linalg.cholesky(ellipse), one.pattern.shape)
+    return replace(one, pattern=root, words="measured pixel, an ellipse, shared by nobody")
 
 
 def rounding(flight: Flight, name: str, step: float) -> Source:

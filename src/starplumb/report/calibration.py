@@ -82,7 +82,7 @@ def _sections(c: Calibration, document: Mapping[str, Any]) -> tuple[Section, ...
             "residuals",
             "Residuals in the image and on the ground",
             ("An arrow leads from the measured place to the predicted one.",),
-            figures.all_residual_vectors(c),
+            (*figures.all_residual_vectors(c), *(figures.by_ellipse(c) if usable else ())),
         ),
         Section(
             "trends", "Residuals against time, latitude and image", (), figures.trends(c) if usable else ()

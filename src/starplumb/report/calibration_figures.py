@@ -185,6 +185,28 @@ def ground_scatter(c: Calibration) -> Figure:
     )
 
 
+def by_ellipse(c: Calibration) -> tuple[Figure, ...]:
+    """Residuals of marks whose noise is an ellipse, along its axes in units of these; nothing where it is a circle."""
+    marks, used = c.campaign.sightings, c.residuals.used
+    if marks.ellipse is None or not np.any(used):
+        return ()
+    values, axes = np.linalg.eigh(marks.ellipse[used])
+    along = np.vecdot(axes.mT, c.residuals.fit_px[used][:, None, :])
+    across, lengthways = (along / (marks.sigma_px[used, None] * np.sqrt(values))).mT
+    circle = Ellipse("95 % where the sigmas are right", np.zeros(2), np.eye(2), 0.95)
+    return (
+        scatter(
+            "by-ellipse",
+            [Points("control", lengthways, across)],
+            ("along the long axis, sigmas", "along the short axis, sigmas"),
+            "Residuals of the marks along the axes of their ellipses, in units of their sigmas.",
+            "Residuals, without the errors that images and markers share, along the axes of each mark's own ellipse.",
+            [circle],
+            equal=True,
+        ),
+    )
+
+
 def budget(document: Mapping[str, Any]) -> Figure:
     """Share of each source in the sigma about each axis, of a ``result.json`` that has a budget."""
     sources = document["budget"]

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from ...judge.calibrate import Calibration
 from ...judge.snooping import Snooping
 from ...physics.units import ARCSEC
+from ..campaign.marks.markers import noise_columns
 from ..text.write import Column
 
 Array = NDArray[np.float64]
@@ -52,7 +53,7 @@ RELIABILITY_COLUMNS = [
 
 def residual_names(c: Calibration) -> Sequence[str]:
     """Header of ``residuals.csv``."""
-    return [*RESIDUAL_COLUMNS, *([] if c.snooping is None else RELIABILITY_COLUMNS)]
+    return [*RESIDUAL_COLUMNS, *([] if c.snooping is None else RELIABILITY_COLUMNS), *_noise(c)[0]]
 
 
 def residual_columns(c: Calibration, shift_px: float) -> Sequence[Column]:
@@ -73,7 +74,14 @@ def residual_columns(c: Calibration, shift_px: float) -> Sequence[Column]:
         _rounded(r.normalised),
         *(_rounded(pair[:, i]) for pair in (r.before_m, r.after_m) for i in range(2)),
         *([] if c.snooping is None else _reliability_columns(c.snooping)),
+        *_noise(c)[1],
     ]
+
+
+def _noise(c: Calibration) -> tuple[Sequence[str], Sequence[Column]]:
+    """The noise of marks whose column and row differ; of others nothing."""
+    marks = c.campaign.sightings
+    return ((), ()) if marks.ellipse is None else noise_columns(marks)
 
 
 def _reliability_columns(s: Snooping) -> Sequence[Array]:

@@ -7,11 +7,15 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field
 
+from ..tables.columns import SIGMA_PX
 from ..text.files import show
 from ..text.sections import Section, wrong
 from ..text.values import OneOrThree, Positive, Quaternion, Sigma, Text, Triple, choice, number, one_or_three
 
 NotNegative = Annotated[float, BeforeValidator(number("a number, not negative", lambda x: x >= 0.0))]
+Correlation = Annotated[
+    float, BeforeValidator(number("a number between -1 and 1, neither of the two", lambda x: -1.0 < x < 1.0))
+]
 Fraction = Annotated[float, BeforeValidator(number("a number between 0 and 1", lambda x: 0.0 <= x <= 1.0))]
 
 
@@ -91,6 +95,13 @@ class ErrorConfig(Section):
     sigma_arcsec: Sigma | None = Field(default=None, description="one number of arcseconds or three")
     sigma_m: Sigma | None = Field(default=None, description="one number of metres or three")
     sigma_px: NotNegative | None = Field(default=None, description="a number of pixels per coordinate")
+    sigma_column_px: Positive | None = Field(
+        default=None, description="a positive number of pixels, of the column"
+    )
+    sigma_row_px: Positive | None = Field(default=None, description="a positive number of pixels, of the row")
+    correlation: Correlation | None = Field(
+        default=None, description="the correlation of column and row, between -1 and 1"
+    )
     sigma_ms: NotNegative | None = Field(default=None, description="a number of milliseconds")
     sigma_ppm: NotNegative | None = Field(default=None, description="millionths of the focal length")
     sigma_percent: NotNegative | None = Field(default=None, description="a part of the refraction, percent")
@@ -135,6 +146,8 @@ class ErrorConfig(Section):
         if kind not in _KINDS:
             return
         required, optional = _KINDS[kind]
+        if kind == "pixel" and any(key in given for key in SIGMA_PX):
+            required = SIGMA_PX
         yield from fitting(cls, given, f'error = "{kind}"', required, (*optional, "error"))
         if "shared_by" in given and given["shared_by"] not in SHARED_BY.get(kind, (given["shared_by"],)):
             listed = " or ".join(f'"{word}"' for word in SHARED_BY[kind])

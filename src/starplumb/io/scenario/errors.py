@@ -74,6 +74,9 @@ def _source(flight: Flight, name: str, error: ErrorConfig, tracker_axes: dict[st
             return errors.refraction(flight, name, 0.01 * (error.sigma_percent or 0.0), shape)
         case "landmark":
             return errors.landmark(flight, name, metres, shared_by, shape)
+        case "pixel" if error.sigma_column_px is not None:
+            own = (error.sigma_column_px, error.sigma_row_px or 0.0, error.correlation or 0.0)
+            return errors.elongated_pixel(flight, name, *own, shape)
         case "pixel":
             return errors.pixel(flight, name, px, shape)
         case "rounding":
