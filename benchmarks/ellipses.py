@@ -3,9 +3,9 @@
     python benchmarks/ellipses.py --campaigns 400 --seed 52000
 
 Four images of 12 marks each, pixels governing: 0.5 px along an edge of any direction, ten times less across.  With
-``--blunders 0.05`` that share of the marks is wrong by 1 to 3 px in any direction.  Each campaign is calibrated with the
-covariances, and with circles of the same mean square.  "Error / sigma" is the rms over campaigns, "held" the share of
-95 % intervals of each axis that hold the truth.
+``--blunders 0.05`` that share of the marks is wrong by 1 to 3 px in any direction.  Each campaign is calibrated with
+the covariances, and with circles of the same mean square.  "Error / sigma" is the rms over campaigns, "held" the share
+of 95 % intervals of each axis that hold the truth.
 """
 
 from __future__ import annotations
