@@ -15,7 +15,13 @@ from starplumb.judge import calibrate as judge
 from starplumb.judge.scatter.from_data import SIGHTINGS, FromData, SourceFound, from_data, levels_of
 from starplumb.judge.scatter.rotations import ImageRotations, image_rotations
 from starplumb.judge.scatter.sources import findings_of_sources
-from starplumb.judge.scatter.variances import Component, Projector, estimate, probabilities
+from starplumb.judge.scatter.variances import (
+    Component,
+    Projector,
+    estimate,
+    probabilities,
+    satterthwaite,
+)
 from starplumb.judge.snooping import fit_at
 from starplumb.report.calibration import summary
 from starplumb.report.calibration_tables import alignment
@@ -327,3 +333,36 @@ def test_what_another_source_explains_is_not_called_larger_than_stated(attitude,
     said = [finding.sentence for finding in findings_of_sources(FromData(20, None, None, sources), 20)]
     assert len(said) == len(words)
     assert all(word in sentence for word, sentence in zip(words, said, strict=True))
+
+
+def test_the_same_groups_under_other_names_are_one_level():
+    images = rotations(np.zeros((6, 3)))
+    groups = [("session", np.array([0, 0, 1, 1, 2, 2])), ("pass", np.array([7, 7, 3, 3, 5, 5]))]
+    assert {name: g.tolist() for name, g in levels_of(images, groups).items()} == {
+        "session": [0, 0, 1, 1, 2, 2]
+    }
+
+
+@pytest.mark.parametrize("grown", [0.8, 2.0])
+def test_a_level_of_one_image_each_changes_no_degree_of_freedom(rng, grown):
+    """What each pass has is then what each image has: with the level or without, sigma and freedom are the same."""
+    d = grown * rng.normal(size=(9, 3)) * SIGMA
+    own = Component("own", np.tile(np.diag(SIGMA**2), (9, 1, 1)), np.zeros((9, 3, 0)))
+    Z = np.zeros((9, 3, 9, 3))
+    Z[np.arange(9), :, np.arange(9)] = np.diag(SIGMA)
+    level = Component("pass", np.zeros((9, 3, 3)), Z.reshape(9, 3, 27), 0.0)
+    slopes = np.array([SIGMA**2 / 9])
+    alone = satterthwaite(slopes, estimate(d, (own,)))
+    both = satterthwaite(np.repeat(slopes, 2, axis=0), estimate(d, (own, level)))
+    np.testing.assert_allclose(both[0], alone[0], rtol=2e-3)
+    np.testing.assert_allclose(both[1], alone[1], rtol=0.02)
+    np.testing.assert_allclose(alone[1], 24.0, rtol=1e-6)
+
+
+def test_a_source_that_is_not_seen_has_a_bounded_interval(rng):
+    """Images that do not differ about one axis: the ratio is at its least, its upper end no number of 13 digits."""
+    d = rng.normal(size=(8, 3)) * [1.0, 1.0, 0.0]
+    found = from_data(rotations(d), np.eye(3), SIGMA / np.sqrt(8))
+    about = next(s for s in found.sources if s.kind == "about")
+    assert about.ratio == pytest.approx(np.sqrt(1e-3), rel=0.1)
+    assert about.interval[0] < about.ratio < about.interval[1] < 100.0 * about.ratio

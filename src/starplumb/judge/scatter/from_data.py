@@ -188,7 +188,7 @@ def _found(images: ImageRotations, c: Component, factors: Factors, k: int, p: fl
     size, unit = float(np.sqrt(variance / axes)) / ARCSEC, "arcsec"
     if c.name == SIGHTINGS:
         size, unit = images.sigma_px, "px"
-    f, freedom = float(factors.f[k]), max(float(factors.degrees[k]), 0.1)
+    f, freedom = float(factors.f[k]), max(float(factors.degrees[k]), 1.0)
     ratio = float(np.sqrt(f))
     if c.stated == 0.0:
         return SourceFound(c.name, _words(images, c), unit, 0.0, ratio * size, None, None, p)
@@ -228,7 +228,10 @@ def levels_of(images: ImageRotations, groups: Sequence[tuple[str, Index]]) -> di
     one of them with two images or more; the same groups once."""
     found: dict[str, Index] = {}
     for name, group in groups:
-        number = np.unique(group[images.image], return_inverse=True)[1]
+        _, first, number = np.unique(group[images.image], return_index=True, return_inverse=True)
+        number = np.argsort(np.argsort(first))[
+            number
+        ]  # in the order of their first images, whatever their names
         known = any(np.array_equal(number, other) for other in found.values())
         if 1 < number.max() + 1 < number.size and not known:
             found[name] = number

@@ -29,6 +29,8 @@ ROUNDS, TOLERANCE = 60, 1e-3
 LEAST = 1e-3
 """A stated variance is taken to be no smaller than this times what is stated."""
 MOST_DEGREES = 1e6
+ALIKE = 1e-6
+"""Part of what the data tell of a factor, not told of others already, below which it is none of its own."""
 
 
 @dataclass(frozen=True)
@@ -173,7 +175,20 @@ def estimate(d: Array, components: Sequence[Component]) -> Factors:
         f = np.where((f < 1e-4) & (least == 0.0), 0.0, f)
         if np.max(np.abs(f - before) / np.maximum(before, 0.01)) < TOLERANCE:
             break
-    return Factors(f, np.asarray(2.0 * np.linalg.pinv(twice)))
+    return Factors(f, _spread(twice, f > 0.0))
+
+
+def _spread(twice: Array, on: NDArray[np.bool_]) -> Array:
+    """Covariance (s, s) of factors of this information; one that is 0 and does what others do already (images of one
+    group each) takes no part."""
+    told = on.copy()
+    for k in np.flatnonzero(~on):
+        row = twice[k, on]
+        left = twice[k, k] - row @ np.linalg.pinv(twice[np.ix_(on, on)]) @ row
+        told[k] = left > ALIKE * twice[k, k]
+    spread = np.zeros_like(twice)
+    spread[np.ix_(told, told)] = 2.0 * np.linalg.pinv(twice[np.ix_(told, told)])
+    return spread
 
 
 def _score(d: Array, components: Sequence[Component], f: Array) -> tuple[Array, Array]:
