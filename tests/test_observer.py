@@ -160,6 +160,27 @@ def test_a_batch_is_its_single_runs(rng):
         assert single.status == together.status[i]
 
 
+@pytest.mark.parametrize("factorised", [True, False])
+def test_numbers_one_by_one_are_the_bits_of_rows(factorised, rng):
+    observer = Observer(cycles=3, factorised=factorised)
+    start, _ = observer._rows(measured(two_images(), rng, rows.FEW), C_EK_TRUE)
+    update, trace = rows.form(factorised), np.empty((2, 3, 4, rows.FEW))
+    rows.run_blocks(start, 3, observer.parameters, trace[0], update)
+    rows.run(start, 3, observer.parameters, trace[1], factorised, by_numba=False)
+    np.testing.assert_array_equal(trace[1], trace[0])
+
+
+def test_a_single_run_that_diverges_ends_as_rows_do():
+    start = np.full((rows.STATE_ROWS + rows.SIGHTING_ROWS, 1), 1e308)  # its squares are infinite
+    trace = np.zeros((2, 1, 4, 1))
+    parameters = Observer().parameters
+    with np.errstate(all="ignore"):
+        rows.run_blocks(start, 1, parameters, trace[0], rows.update_plain)
+        rows.run(start, 1, parameters, trace[1], factorised=False, by_numba=False)
+    assert not np.all(np.isfinite(trace[0]))
+    np.testing.assert_array_equal(trace[1], trace[0])
+
+
 @pytest.mark.parametrize("floor", [0.0, 1.0])
 def test_a_marker_not_seen_changes_nothing(rng, floor):
     table = observe(truth(FRAME, images=2, markers=3))

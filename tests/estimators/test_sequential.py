@@ -9,6 +9,7 @@ import pytest
 from harness import scene, still
 
 from problems import C_EK_TRUE, FRAME, truth
+from starplumb.estimators import sequential
 from starplumb.estimators.gls import Gls
 from starplumb.estimators.protocol import Status
 from starplumb.estimators.sequential import Sequential
@@ -138,3 +139,16 @@ def test_landmarks_seen_again_are_not_new_information(rng):
         rms[name] = np.sqrt(np.mean((so3.log(found.C_EK @ C_EK_TRUE.mT) / found.sigma_E) ** 2, axis=0))
     np.testing.assert_allclose(rms["carried"], 1.0, atol=4.0 / np.sqrt(1600.0))
     assert np.all(rms["forgotten"] > 2.0)
+
+
+def test_an_image_costs_what_it_sees(rng, monkeypatch):
+    """Of twelve images none is adjusted with landmarks that it does not see."""
+    o = observe(truth(FRAME, images=12, markers=3))
+    sizes = []
+    counted = sequential.solve
+    monkeypatch.setattr(
+        sequential, "solve", lambda part, *rest: sizes.append(part.n_landmarks) or counted(part, *rest)
+    )
+    Sequential()(measure(o, C_EK_TRUE, Errors.draw(o, rng)), MODEL)
+    assert o.n_landmarks == 36
+    assert set(sizes) == {3}

@@ -13,6 +13,7 @@ from ..physics import so3
 from ..physics.covariance import square_root
 from ..physics.errors import InputError
 from ..solve.adjustment import Adjustment, solve
+from ..solve.chunks import repeated_landmarks
 from ..table.equation import linearise
 from ..table.observations import Observations
 from .protocol import AlignmentEstimate
@@ -118,7 +119,7 @@ class Sequential:
     def _start(self, o: Observations, C_EK: Array) -> State:
         """Before the first image."""
         prior = self._prior(o)
-        carried = 3 * _repeated(o).size + (0 if o.common_px is None else o.common_px.shape[-1])
+        carried = 3 * repeated_landmarks(o).size + (0 if o.common_px is None else o.common_px.shape[-1])
         information = np.eye(3 + carried)
         information[:3, :3] = np.eye(3) / ANY_ROTATION**2 if prior is None else np.linalg.inv(prior)
         batch = C_EK.shape[:-2]
@@ -136,18 +137,19 @@ class Sequential:
                 "sequential: found a drift but no epoch_s in the table, wanted the epochs of the images"
             )
         epoch_s = np.arange(o.n_images, dtype=np.float64) if o.epoch_s is None else o.epoch_s
-        repeated, last_s = _repeated(o), None
+        shared, last_s = _Shared.of(o), None
+        ordered, counts = np.argsort(o.image, kind="stable"), np.bincount(o.image, minlength=o.n_images)
+        starts = np.cumsum(counts) - counts
         for image in np.argsort(epoch_s, kind="stable"):
-            rows = np.flatnonzero(o.image == image)
-            if rows.size == 0:
+            if counts[image] == 0:
                 continue
             if last_s is not None:
                 state = self._predict(state, epoch_s[image] - last_s)
             last_s = epoch_s[image]
-            part = _one_image(o, rows, image, repeated)
+            one = shared.image(ordered[starts[image] : starts[image] + counts[image]], image)
             before, C_lin = state, state.C_EK if reference is None else reference
             for _ in range(steps):
-                state, cost = _update(part, o, rows, repeated, before, C_lin)
+                state, cost = _update(one, before, C_lin)
                 C_lin = state.C_EK
             yield state, cost
 
@@ -162,44 +164,69 @@ class Sequential:
         return replace(state, information=0.5 * (grown + grown.mT))
 
 
-def _repeated(o: Observations) -> Index:
-    """Landmarks seen more than once."""
-    return np.flatnonzero(np.bincount(o.landmark, minlength=o.n_landmarks) > 1)
+@dataclass(frozen=True)
+class _Image:
+    """What one image adds: its table ``part``, with the place errors of landmarks that no other image shares;
+    ``carried`` (r,) its sightings of the others, their ``place`` (r,) in the state and the root ``S`` (..., r, 3, 3) of
+    their covariance; and ``common_px`` (..., n, 2, p)."""
+
+    part: Observations
+    carried: Index
+    place: Index
+    S: Array
+    common_px: Array | None
 
 
-def _one_image(o: Observations, rows: Index, image: int, repeated: Index) -> Observations:
-    """The table of one image, its landmarks' place errors only where no other image shares them."""
-    shared = np.isin(np.arange(o.n_landmarks), repeated)[:, None, None]
-    one = slice(image, image + 1)
-    return replace(
-        o.select(rows),
-        image=np.zeros_like(rows),
-        cov_attitude_E=o.cov_attitude_E[..., one, :, :],
-        cov_position_J=o.cov_position_J[..., one, :, :],
-        cov_landmark_J=np.where(shared, 0.0, o.cov_landmark_J),
-        epoch_s=None,
-        common_px=None,
-    )
+@dataclass(frozen=True)
+class _Shared:
+    """A table with what images share: the landmarks ``repeated`` (q,) and the root ``S`` (..., q, 3, 3) of each."""
+
+    o: Observations
+    repeated: Index
+    S: Array
+
+    @classmethod
+    def of(cls, o: Observations) -> _Shared:
+        repeated = repeated_landmarks(o)
+        return cls(o, repeated, square_root(o.cov_landmark_J[..., repeated, :, :]))
+
+    def image(self, rows: Index, image: int) -> _Image:
+        """The sightings ``rows`` of one image, and none but its own landmarks."""
+        o, one = self.o, slice(image, image + 1)
+        landmarks, landmark = np.unique(o.landmark[rows], return_inverse=True)
+        shared = np.isin(landmarks, self.repeated)
+        part = replace(
+            o.select(rows),
+            image=np.zeros_like(rows),
+            landmark=landmark,
+            cov_attitude_E=o.cov_attitude_E[..., one, :, :],
+            cov_position_J=o.cov_position_J[..., one, :, :],
+            cov_landmark_J=np.where(shared[:, None, None], 0.0, o.cov_landmark_J[..., landmarks, :, :]),
+            epoch_s=None,
+            common_px=None,
+        )
+        carried = np.flatnonzero(shared[landmark])
+        place = np.searchsorted(self.repeated, o.landmark[rows[carried]])
+        common = None if o.common_px is None else o.common_px[..., rows, :, :]
+        return _Image(part, carried, place, self.S[..., place, :, :], common)
 
 
-def _update(
-    part: Observations, o: Observations, rows: Index, repeated: Index, state: State, C_lin: Array
-) -> tuple[State, Array]:
+def _update(one: _Image, state: State, C_lin: Array) -> tuple[State, Array]:
     """One image, linearised at C_lin: state after it and its share of chi-square.
 
     The mounting is exp(x) C_lin; what was known says ``c + J^-1 x ~ N(0, .)`` with ``c = log(C_lin
     C_EK^T)``, J the left Jacobian of c.  The answer's information is turned to its own place by that of x.
     """
+    part = one.part
     model = linearise(part, C_lin)
-    S = square_root(o.cov_landmark_J)
-    batch = np.broadcast_shapes(model.H.shape[:-3], model.R.shape[:-3], S.shape[:-3], state.u.shape[:-1])
+    batch = np.broadcast_shapes(model.H.shape[:-3], model.R.shape[:-3], one.S.shape[:-3], state.u.shape[:-1])
     A = np.zeros((*batch, part.n, 2, 3 + state.u.shape[-1]))
     A[..., :3] = model.H
-    for k in np.flatnonzero(np.isin(part.landmark, repeated)):
-        first = 3 + 3 * int(np.searchsorted(repeated, part.landmark[k]))
-        A[..., k, :, first : first + 3] = -model.R[..., k, :, :] @ S[..., part.landmark[k], :, :]
-    if o.common_px is not None:
-        A[..., 3 + 3 * repeated.size :] = o.common_px[..., rows, :, :]
+    for k, place, S in zip(one.carried, one.place, np.moveaxis(one.S, -3, 0), strict=True):
+        first = 3 + 3 * place
+        A[..., k, :, first : first + 3] = -model.R[..., k, :, :] @ S
+    if one.common_px is not None:
+        A[..., A.shape[-1] - one.common_px.shape[-1] :] = one.common_px
     c = so3.log(C_lin @ state.C_EK.mT)
     known = _moved(state.information, so3.left_jacobian(c))
     step = solve(part, model, A, known, np.concatenate([-c, state.u], axis=-1))

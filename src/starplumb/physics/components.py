@@ -1,13 +1,14 @@
 """Vectors and rotations on component rows: formulas written once, for NumPy and for compiled code.
 
-A vector is a tuple of its components; a component is a row over the trials (NumPy) or one trial's number (compiled by
-:mod:`starplumb.solve.compiled`).  The same source serves both: where it works on a block ``W`` (rows, width), ``at``
-is ``slice(None)`` in one and an index in the other.  Rows keep the trials contiguous, so that NumPy streams through
-them and the compiler vectorises across them.
+A vector is a tuple of its components; a component is a row over the trials (NumPy) or one trial's number (Python's own,
+or compiled by :mod:`starplumb.solve.compiled`).  The same source serves all: where it works on a block ``W`` (rows,
+width), ``at`` is ``slice(None)`` for rows and an index in compiled code.  Rows keep the trials contiguous, so that
+NumPy streams through them and the compiler vectorises across them.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from typing import Any
 
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Row = Any
-"""A row over the trials (Array) in NumPy, a float in compiled code."""
+"""A row over the trials (Array) in NumPy; a float in compiled code, or where there is a single trial."""
 Triple = tuple[Row, Row, Row]
 Quaternion = tuple[Row, Row, Row, Row]
 Six = tuple[Row, Row, Row, Row, Row, Row]
@@ -27,12 +28,14 @@ WIDTH = 4096
 
 def larger(a: Row, b: Row) -> Row:
     """The larger of two, trial by trial."""
+    if isinstance(b, float):
+        return a if a > b else b
     return np.maximum(a, b)
 
 
 def root(a: Row) -> Row:
     """The square root."""
-    return np.sqrt(a)
+    return math.sqrt(a) if isinstance(a, float) else np.sqrt(a)
 
 
 def extreme(row: Row) -> float:

@@ -1,0 +1,110 @@
+"""Where users wait: CPU seconds of the flows of a working day, this code beside another source tree in one run.
+
+    python benchmarks/felt.py compare 10 100 --beside ../before/src --rounds 3
+
+``compare M K``: M images of K markers through every method of ``starplumb compare``, method by method.
+Each figure is the best of the rounds, which take the trees in turn, every one in a process of its own with one thread.
+Markdown on stdout.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from time import process_time
+from typing import Any
+
+Figures = dict[str, float]
+
+
+def timed(work: Callable[[], Any]) -> tuple[float, Any]:
+    """Processor seconds of a call and what it returned."""
+    start = process_time()
+    answer = work()
+    return process_time() - start, answer
+
+
+def campaign_of(images: int, markers: int) -> Any:
+    """A campaign with errors as stated and a model mounting half a degree off."""
+    import numpy as np
+    from scenes import C_EK_TRUE, marked, photographed
+
+    from starplumb.physics import so3
+    from starplumb.physics.units import DEG
+    from starplumb.plan import scene
+    from starplumb.table.geometry import observe
+    from starplumb.table.simulate import Errors
+
+    rng = np.random.default_rng(1)
+    campaign = marked(photographed(images), markers, rng)
+    model = so3.exp(np.array([0.5, -0.4, 0.3]) * DEG) @ C_EK_TRUE
+    return scene.measured(campaign, Errors.draw(observe(campaign), rng), model)
+
+
+def compare(images: int, markers: int) -> Figures:
+    """Every method on one campaign, as the command runs it, and beside them ``calibrate``."""
+    from starplumb.estimators import methods
+    from starplumb.estimators.default import Default
+    from starplumb.estimators.gls import Gls
+    from starplumb.judge.calibrate import calibrate
+    from starplumb.judge.compare import answers
+
+    campaign = campaign_of(images, markers)
+    calibrate(campaign, Gls())
+    figures = {"calibrate": timed(lambda: calibrate(campaign, Default()))[0]}
+    found = answers(campaign, methods())
+    for name in methods():
+        figures[name] = timed(lambda: next(found))[0]
+    figures["compare"] = sum(figures[name] for name in methods())
+    return figures
+
+
+STEPS: dict[str, Callable[..., Figures]] = {"compare": compare}
+
+
+def measured(step: str, numbers: list[str], source: Path) -> Figures:
+    """The figures of a step on the code of a source tree, in a process of its own."""
+    environment = os.environ | {
+        "PYTHONPATH": str(source),
+        "OMP_NUM_THREADS": "1",
+        "OPENBLAS_NUM_THREADS": "1",
+    }
+    command = [sys.executable, __file__, step, *numbers, "--figures"]
+    done = subprocess.run(command, env=environment, stdout=subprocess.PIPE, text=True, check=True)
+    return dict(json.loads(done.stdout))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("step", choices=STEPS)
+    parser.add_argument("numbers", nargs="*", help="what the step takes")
+    parser.add_argument("--beside", type=Path, help="src folder of the code to compare with")
+    parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument("--figures", action="store_true", help="of this process alone, as JSON")
+    options = parser.parse_args()
+    if options.figures:
+        arguments = [int(n) if n.isdigit() else n for n in options.numbers]
+        print(json.dumps(STEPS[options.step](*arguments)))
+        return
+    trees = {"now": Path(__file__).resolve().parents[1] / "src"}
+    trees |= {} if options.beside is None else {"before": options.beside.resolve()}
+    rounds = [
+        {name: measured(options.step, options.numbers, tree) for name, tree in trees.items()}
+        for _ in range(options.rounds)
+    ]
+    best = {name: {what: min(r[name][what] for r in rounds) for what in rounds[0][name]} for name in trees}
+    print(f"{options.step} {' '.join(options.numbers)}, CPU s, best of {options.rounds}\n")
+    print(f"| | {' | '.join(trees)} |\n|---|{'---|' * len(trees)}")
+    for what in best["now"]:
+        print(f"| {what} | {' | '.join(f'{best[name][what]:.4g}' for name in trees)} |")
+
+
+if __name__ == "__main__":
+    main()
