@@ -62,6 +62,8 @@ class NewCampaign:
     method: str
     options: Mapping[str, Any]
     status: str
+    C_EK: Array
+    covariance_E: Array | None
     result_text: str
     inputs: Mapping[str, str]
     images: Sequence[ImageRow]
@@ -69,7 +71,7 @@ class NewCampaign:
     normals: Sequence[tuple[str, Sequence[str], Array, Array, float, int]]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Entry:
     """A campaign of an archive; ``withdrawn`` is when and why, None for one that stands; ``summable`` whether it has
     normal equations."""
@@ -85,6 +87,8 @@ class Entry:
     method: str
     options: Mapping[str, Any]
     status: str
+    C_EK: Array
+    covariance_E: Array | None
     images: int
     observations: int
     summable: bool
@@ -103,8 +107,14 @@ def insert(database: sqlite3.Connection, c: NewCampaign, now: str) -> None:
     row = (c.id, c.inputs_id, *c.instrument.key, c.name, c.first_ns, c.last_ns, now, c.software, c.method)
     options = json.dumps(c.options, sort_keys=True)
     database.execute(
-        f"INSERT INTO campaign VALUES({_marks(14)})",
-        (*row, options, c.status, zlib.compress(c.result_text.encode())),
+        f"INSERT INTO campaign VALUES({_marks(16)})",
+        (
+            *row,
+            options,
+            c.status,
+            *map(_bytes, (c.C_EK, c.covariance_E)),
+            zlib.compress(c.result_text.encode()),
+        ),
     )
     _many(database, "input", 3, ((c.id, name, digest) for name, digest in c.inputs.items()))
     _many(database, "image", 9, (_image_row(c.id, image) for image in c.images))
@@ -151,7 +161,7 @@ def entries(database: sqlite3.Connection) -> list[Entry]:
     """All campaigns in the order of time."""
     rows = database.execute(
         "SELECT c.id, c.inputs, satellite, frame_from, frame_to, name, first_ns, last_ns, added_utc, software, method, "
-        "options_json, status, (SELECT count(*) FROM image i WHERE i.campaign = c.id), "
+        "options_json, status, matrix, covariance, (SELECT count(*) FROM image i WHERE i.campaign = c.id), "
         "(SELECT coalesce(sum(observations), 0) FROM image i WHERE i.campaign = c.id), "
         "EXISTS(SELECT 1 FROM normal n WHERE n.campaign = c.id), w.at_utc, w.reason "
         "FROM campaign c LEFT JOIN withdrawn w ON w.campaign = c.id ORDER BY first_ns, c.id"
@@ -163,7 +173,7 @@ def _entry(row: tuple[Any, ...]) -> Entry:
     (id_, inputs, satellite, frame_from, frame_to, name, first, last, added, software, method, options) = row[
         :12
     ]
-    status, images, observations, summable, at, reason = row[12:]
+    status, matrix, covariance, images, observations, summable, at, reason = row[12:]
     return Entry(
         id_,
         inputs,
@@ -176,6 +186,8 @@ def _entry(row: tuple[Any, ...]) -> Entry:
         method,
         json.loads(options),
         status,
+        _numbers(matrix).reshape(3, 3),
+        None if covariance is None else _numbers(covariance).reshape(3, 3),
         images,
         observations,
         bool(summable),
@@ -207,9 +219,10 @@ def images_of(database: sqlite3.Connection, campaign: str) -> list[ImageRow]:
     ]
 
 
-def equations_of(database: sqlite3.Connection, campaign: str, C_EK: Array) -> Equations:
+def equations_of(database: sqlite3.Connection, entry: Entry) -> Equations:
     """The normal equations of a campaign about the mounting of its result, what its images share under names that are
     its own."""
+    campaign = entry.id
     known = database.execute(
         "SELECT name, reference, expected, covariance FROM unknown WHERE campaign = ? ORDER BY rowid",
         (campaign,),
@@ -219,7 +232,7 @@ def equations_of(database: sqlite3.Connection, campaign: str, C_EK: Array) -> Eq
         size = len(reference) // 8
         P = None if covariance is None else _numbers(covariance).reshape(size, size)
         blocks[own_name(name, campaign)] = Known(_numbers(reference), _numbers(expected), P)
-    return summed(C_EK, blocks, _images(database, campaign))
+    return summed(entry.C_EK, blocks, _images(database, campaign))
 
 
 def _images(

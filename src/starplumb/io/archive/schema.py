@@ -19,6 +19,7 @@ CREATE TABLE campaign(
   name TEXT NOT NULL, first_ns INTEGER NOT NULL, last_ns INTEGER NOT NULL, -- TAI since 2000-01-01T12:00:00 TAI
   added_utc TEXT NOT NULL, software TEXT NOT NULL, method TEXT NOT NULL, options_json TEXT NOT NULL,
   status TEXT NOT NULL CHECK(status IN ('ok', 'weak', 'refuted', 'singular', 'not_converged')),
+  matrix BLOB NOT NULL, covariance BLOB, -- of the result, rad^2
   result_json BLOB NOT NULL, -- zlib
   FOREIGN KEY(satellite, frame_from, frame_to) REFERENCES instrument(satellite, frame_from, frame_to)) STRICT;
 CREATE TABLE input(

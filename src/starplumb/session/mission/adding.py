@@ -101,6 +101,8 @@ def _row(text: str, normals: Mapping[str, Any] | None, satellite: str, name: str
         result.method,
         options,
         result.status,
+        result.C_EK,
+        result.covariance_E,
         text,
         result.inputs,
         [_image(image, of_image.get(image.image_id)) for image in images.values()],

@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...documents.numbers import numbers
-from ...documents.result import ResultDocument
-from ...io.archive.rows import Entry, Instrument, entries, equations_of, result_text
+from ...io.archive.rows import Entry, Instrument, entries, equations_of
 from ...judge.consistency import IMPLAUSIBLE_P
 from ...judge.trust import NORMAL_95
 from ...mission.joint import MOUNTING, Equations, Joint, joint, shared_names
@@ -54,15 +53,12 @@ def standing(name: str, database: sqlite3.Connection, instrument: Instrument) ->
         raise InputError(
             f"{name}: found no campaign of {instrument} that counts ({reasons}), wanted one or more"
         )
-    results = [ResultDocument.from_json(result_text(database, e.id), e.name) for e in used]
-    parts = tuple(equations_of(database, e.id, r.C_EK) for e, r in zip(used, results, strict=True))
-    agreed, notices = _known_before(parts, results)
+    parts = tuple(equations_of(database, entry) for entry in used)
+    agreed, notices = _known_before(parts, used)
     return Standing(used, parts, left, agreed, notices)
 
 
-def _known_before(
-    parts: Sequence[Equations], results: Sequence[ResultDocument]
-) -> tuple[bool, tuple[str, ...]]:
+def _known_before(parts: Sequence[Equations], found: Sequence[Entry]) -> tuple[bool, tuple[str, ...]]:
     """Whether what campaigns state of the mounting beforehand may be added: all the same, and of no campaign here."""
     stated = [part for part in parts if part.blocks[MOUNTING].covariance is not None]
     if not stated:
@@ -74,7 +70,7 @@ def _known_before(
         and np.allclose(C, expected[0], atol=1e-9)
         for part, C in zip(stated, expected, strict=True)
     )
-    here = [np.array(r.covariance_arcsec2) for r in results if r.covariance_arcsec2 is not None]
+    here = [entry.covariance_E / ARCSEC**2 for entry in found if entry.covariance_E is not None]
     told = any(np.allclose(part.blocks[MOUNTING].covariance, P, rtol=1e-4) for part in stated for P in here)  # type: ignore[arg-type]
     if one and not told:
         return True, ()

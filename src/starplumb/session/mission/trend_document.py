@@ -12,8 +12,10 @@ from ...judge.trust import NORMAL_95
 from ...mission.advice import Advice, across, advice
 from ...mission.changes import Change, changes
 from ...mission.trend import YEAR_NS, Trend
+from ...physics.errors import EpochError
 from ...physics.timescales import format_iso
 from ...physics.units import ARCSEC, DEG
+from ...table.phases import LATEST_UTC_MINUS_TAI
 from .issued import foretold_by
 from .known import Known
 
@@ -52,7 +54,11 @@ def trend_document(of: Known, at_ns: int | None, horizon_days: float) -> dict[st
 
 
 def _time(t_ns: int) -> str:
-    return format_iso([t_ns], "UTC")[0]
+    """A time in UTC, which may lie beyond the leap seconds that are known: as if none were to come."""
+    try:
+        return format_iso([t_ns], "UTC")[0]
+    except EpochError:
+        return format_iso([t_ns + LATEST_UTC_MINUS_TAI * 10**9], "TAI")[0]
 
 
 def _points(of: Known) -> list[dict[str, Any]]:
