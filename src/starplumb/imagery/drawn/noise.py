@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -45,8 +46,10 @@ def waves(seed: int, step: float, x: Array, y: Array) -> Array:
     return np.asarray((across @ v) @ along.T)
 
 
-def _bumps(at: Array) -> tuple[sparse.csr_array, Index]:
-    """Weights (n, k) of the lattice's values at places (n,), and the lattice's own indices (k,)."""
+def _bumps(at: Array) -> tuple[Any, Index]:
+    """Weights (n, k), sparse, of the lattice's values at places (n,), and the lattice's own indices (k,)."""
+    from scipy import sparse
+
     left = np.floor(at).astype(np.int64) - 1
     index = np.arange(left.min(), left.max() + 4)
     u = at - np.floor(at)
