@@ -7,31 +7,42 @@ import sys
 
 def main() -> None:
     """Run the command; a user's mistake ends in one line on standard error and the exit status of the interface."""
+    from ..disk.interruption import name_of, stop_as_by_ctrl_c
     from ..physics.errors import AlignmentFailed, InputError
     from .app import app
+    from .channels import Interrupted, complain, finish, forget_output, is_of_output, prepare
     from .usage import UsageError, sentence
 
+    prepare()
+    stop_as_by_ctrl_c()
     try:
-        sys.exit(app(prog_name="starplumb", standalone_mode=False))
+        finish(lambda: sys.exit(app(prog_name="starplumb", standalone_mode=False)))
     except UsageError as error:
         if said := sentence(error):
-            print(f"starplumb: {said}", file=sys.stderr)
+            complain(said)
         else:
             error.show()  # type: ignore[attr-defined]
         sys.exit(2)
     except InputError as error:
-        _complain(error)
+        complain(_as_option(error))
         sys.exit(2)
     except AlignmentFailed as error:
-        _complain(error)
+        complain(str(error))
         sys.exit(3)
-    except KeyboardInterrupt:
-        print("starplumb: interrupted", file=sys.stderr)
-        sys.exit(130)
+    except Interrupted as error:
+        complain(f"interrupted ({name_of(error.number)})")
+        sys.exit(128 + error.number)
+    except OSError as error:
+        if not is_of_output(error):
+            raise
+        forget_output()
+        complain(
+            f"standard output: found no way to write there ({error.strerror}), wanted one that takes all"
+        )
+        sys.exit(2)
 
 
-def _complain(error: Exception) -> None:
+def _as_option(error: Exception) -> str:
     from ..physics.errors import ArgumentError
 
-    text = " ".join((error.as_option if isinstance(error, ArgumentError) else str(error)).split())
-    print(f"starplumb: {text}", file=sys.stderr)
+    return error.as_option if isinstance(error, ArgumentError) else str(error)

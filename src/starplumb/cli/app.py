@@ -10,6 +10,7 @@ from .. import __version__
 from .archive.verbs import archive
 from .budget import budget
 from .calibrate import calibrate
+from .channels import Commands
 from .compare import compare
 from .diagnose import diagnose
 from .files.check import check
@@ -25,11 +26,13 @@ from .simulate import simulate
 from .usage import Verbs, WithNumbers
 
 app = typer.Typer(
+    cls=Commands,
     help="In-flight alignment of an Earth-observation camera with its star tracker.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,  # plain help: importing rich for it would take longer than all the rest
-    epilog="Exit status: 0 done, 2 unusable input (one line says why), 3 done but the answer must not be used.",
+    epilog="Exit status: 0 done, 2 unusable input (one line says why), 3 done but the answer must not be used, 128 and "
+    "the signal's number when interrupted.",
 )
 
 

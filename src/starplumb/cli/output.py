@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
+
+from ..io.text.visible import visible
+from .channels import complain, print_json
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
@@ -49,7 +51,7 @@ class Output:
     def show(self, *parts: RenderableType) -> None:
         """Tables and sentences for a person."""
         if not (self.json or self.quiet):
-            self.console.print(*parts, sep="\n")
+            self.console.print(*(visible(p) if isinstance(p, str) else p for p in parts), sep="\n")
 
     def shown(self, thing: Shown, *sentences: str) -> None:
         """The tables and sentences of an object, and further sentences."""
@@ -63,13 +65,13 @@ class Output:
     def document(self, document: dict[str, Any] | list[dict[str, Any]]) -> None:
         """The same result for a program."""
         if self.json:
-            typer.echo(json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False))
+            print_json(document)
 
     def notices(self, notices: Iterable[str]) -> None:
         """What was left out or looks odd, one line each on standard error."""
         if not self.quiet:
             for notice in notices:
-                print(f"starplumb: note: {' '.join(notice.split())}", file=sys.stderr)
+                complain(f"note: {notice}")
 
     def watched(self, items: Iterable[Item], doing: str, total: int) -> Iterable[Item]:
         """The items of long work with a progress bar on a terminal's standard error, none in a pipe."""
@@ -90,14 +92,14 @@ def drawn(cells: Cells) -> Table:
 
     several = any("\n" in cell for row in cells.rows for cell in row)
     open_style: dict[str, Any] = {"box": box.SIMPLE_HEAD, "leading": 1, "pad_edge": False} if several else {}
-    table = Table(title=cells.caption, title_justify="left", **open_style)
+    table = Table(title=visible(cells.caption), title_justify="left", **open_style)
     for i, heading in enumerate(cells.head):
         text = i < cells.text_columns
         table.add_column(
-            heading, justify="left" if text else "right", overflow="fold" if text else "ellipsis"
+            visible(heading), justify="left" if text else "right", overflow="fold" if text else "ellipsis"
         )
     for i, row in enumerate(cells.rows):
         if cells.totals and i == len(cells.rows) - cells.totals:
             table.add_section()
-        table.add_row(*row)
+        table.add_row(*map(visible, row))
     return table

@@ -11,6 +11,7 @@ from typing import Annotated, Any
 
 import typer
 
+from .channels import print_csv
 from .options.common import CampaignArgument
 from .options.ground import Dem, Geoid, HeightsOption, ResultOption
 from .options.outside import Choice, OutsideOption
@@ -118,7 +119,7 @@ def project(
     elif single:
         speak.show(*done.answer)
     elif not json and not quiet:
-        typer.echo(done.csv, nl=False)
+        print_csv(done.csv)
     speak.notices([f"mounting: {done.document['mounting']}", *done.told])
     speak.document(done.document)
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from .channels import complain
 from .options.common import MethodsOption, ScenarioArgument
 from .options.places import require_place
 from .output import Json, Output, Quiet, Verbose
@@ -104,6 +105,7 @@ def simulate(
         samples=samples,
         watched=watched,
     )
+    speak.notices(study.notices)
     speak.document(study.document)
     speak.shown(
         study.summary(),
@@ -128,7 +130,9 @@ def _refuse_failures(document: dict[str, Any]) -> None:
 
 @contextmanager
 def _resumable(trials: int, out: Path | None, quiet: bool) -> Iterator[Callable[[int], None]]:
-    """The progress bar; on Ctrl-C say what is kept."""
+    """The progress bar; where the work ends before it is done say what is kept."""
+    from ..physics.errors import InputError
+
     kept = 0
     try:
         with _progress(trials, quiet) as done:
@@ -139,12 +143,11 @@ def _resumable(trials: int, out: Path | None, quiet: bool) -> Iterator[Callable[
                 done(more)
 
             yield count
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, InputError):
         if out is not None and not quiet:
-            print(
-                f"starplumb: {kept} of {trials} trials are finished and kept in {out / 'chunks'}; "
-                "the same command with the same --out resumes them",
-                file=sys.stderr,
+            complain(
+                f"{kept} of {trials} trials are finished and kept in {out / 'chunks'}; "
+                "the same command with the same --out resumes them"
             )
         raise
 

@@ -29,6 +29,11 @@ def stop_as_by_ctrl_c() -> None:
             signal.signal(number, _stop)
 
 
+def name_of(number: int) -> str:
+    """The name of a signal."""
+    return "Ctrl-C" if number == signal.SIGINT else signal.Signals(number).name
+
+
 def _stop(number: int, frame: FrameType | None) -> None:
     raise Stopped(number)
 

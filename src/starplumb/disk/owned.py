@@ -86,6 +86,8 @@ def _written(folder: Path, name: str, kind: str, there: set[str]) -> set[str]:
 
 def _marks(folder: Path, name: str, kind: str) -> Iterator[dict[str, Any]]:
     for place in (folder, *stale(folder)):
+        if not (place / name).is_file():  # a pipe would keep us waiting
+            continue
         try:
             document = json.loads((place / name).read_bytes())
         except (OSError, ValueError, RecursionError):

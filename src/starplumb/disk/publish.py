@@ -36,7 +36,7 @@ def publish(
     of_mark = None if mark is None else (mark.name, mark.kind)
     require_replaceable(folder, names, inputs, of_mark)
     others = _old(folder, {*instead_of, *also} - set(names), inputs, of_mark)
-    stay = {name: fingerprint(folder / name) for name in others if name in also}
+    stay = {name: fingerprint(folder / name) for name in others if name in also and (folder / name).is_file()}
     with staged(folder, keep=None if mark is None else mark.name) as staging:
         for name, content in files.items():
             _put(staging, name, content)
@@ -57,7 +57,9 @@ def publish_beside(folder: Path, files: Mapping[str, str], inputs: Sequence[Path
         place = folder / name
         require_not_read(place, inputs)
         try:
-            other = place.exists() and place.read_bytes() != b"".join(encoded([text]))
+            other = place.exists() and not (
+                place.is_file() and place.read_bytes() == b"".join(encoded([text]))
+            )
         except OSError:
             other = True
         if other:

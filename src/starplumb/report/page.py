@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
 from .. import __version__
+from ..io.text.visible import visible
 from .svg import svg_text
 
 if TYPE_CHECKING:
@@ -96,4 +97,4 @@ def render(page: Page) -> str:
     )
     template = environment.get_template("page.html.j2")
     sections = [section for section in page.sections if not section.empty]
-    return template.render(page=page, sections=sections, version=__version__) + "\n"
+    return visible(template.render(page=page, sections=sections, version=__version__)) + "\n"

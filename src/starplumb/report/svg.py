@@ -8,9 +8,12 @@ from __future__ import annotations
 
 import io
 import re
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, cast
+
+from ..io.text.visible import visible
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -92,9 +95,11 @@ def _saved(figure: Drawing, **options: Any) -> str:
 
     buffer = io.StringIO()
     nothing = dict.fromkeys(("Date", "Creator", "Format", "Type"))
-    with matplotlib.rc_context(cast("Any", _STYLE)):
+    with matplotlib.rc_context(cast("Any", _STYLE)), warnings.catch_warnings():
+        # the letters of an id that matplotlib's font lacks are drawn by the viewer, which has others
+        warnings.filterwarnings("ignore", r"Glyph \d+ ", UserWarning)
         figure.savefig(buffer, format="svg", metadata=nothing, **options)
-    return buffer.getvalue()
+    return visible(buffer.getvalue())
 
 
 def _element(found: re.Match[str]) -> str:

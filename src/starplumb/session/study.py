@@ -79,6 +79,7 @@ class Study(Shown):
     """A finished study: what :func:`starplumb.simulate` returns.  ``document`` is ``summary.json``."""
 
     document: dict[str, Any]
+    notices: tuple[str, ...] = ()
 
     def summary(self) -> Summary:
         """Errors, sigmas and whether those stated hold, by method and axis."""
@@ -168,8 +169,8 @@ def simulate(
     )
     with _store(study, None if out is None else Path(out)) as store:
         with watched(study) as done:
-            run(store, choose(workers, scheduler, study.chunks), done)
-        found = Study(summarise(store))
+            notices = run(store, choose(workers, scheduler, study.chunks), done)
+        found = Study(summarise(store), notices)
         if out is not None:
             found._publish(Path(out), sample_files(store, format))
         return found

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
 AHEAD = 2
 """Chunks given out per worker beyond the one it works on: enough to keep it busy, few enough to stop quickly."""
+NAMED = 3
+"""So many spoilt chunks are named."""
 LOST_POOLS = 5
 """How often the workers may die without finishing a chunk before the study ends with an error."""
 
@@ -142,6 +144,17 @@ class Dask:
             client = distributed.Client(self.address, timeout=20)
         except (OSError, ValueError, TimeoutError) as error:
             raise ArgumentError("scheduler", f"found no Dask scheduler at {self.address} ({error})") from None
+        try:
+            yield from self._with(client, distributed, study, chunks)
+        except (OSError, TimeoutError, distributed.CancelledError) as error:
+            reason = " ".join(str(error).split())[:80]
+            raise ArgumentError(
+                "scheduler", f"found the one at {self.address} gone before the study was finished ({reason})"
+            ) from None
+
+    def _with(
+        self, client: Any, distributed: Any, study: Study, chunks: Sequence[int]
+    ) -> Iterator[tuple[int, Arrays]]:
         with client:
             everywhere = client.scatter(study, broadcast=True)
 
@@ -176,14 +189,23 @@ def choose(workers: int | None, address: str | None, chunks: int) -> Scheduler:
     return Serial() if count <= 1 else Processes(count)
 
 
-def run(store: Store, scheduler: Scheduler, done: Callable[[int], None] = lambda trials: None) -> None:
+def run(
+    store: Store, scheduler: Scheduler, done: Callable[[int], None] = lambda trials: None
+) -> tuple[str, ...]:
     """Run what is missing of a study; ``done`` gets the number of trials of each chunk, first of those on disk.
 
-    A chunk counts once it is stored: interrupted at any moment, the finished ones are kept.
+    A chunk counts once it is stored: interrupted at any moment, the finished ones are kept.  Returns what the user
+    should know: which chunks were spoilt and have been computed again.
     """
     study = store.study
     missing = store.missing()
+    spoilt = store.spoilt(missing)
     done(study.trials - sum(study.count(c) for c in missing))
     for c, arrays in scheduler.results(study, missing):
         store.save(c, arrays)
         done(study.count(c))
+    if not spoilt:
+        return ()
+    names = ", ".join(path.name for path in spoilt[:NAMED]) + (", ..." if len(spoilt) > NAMED else "")
+    found = f"found {len(spoilt)} chunks that are damaged or of another study ({names})"
+    return (f"{store.folder}: {found}; they were computed again",)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
-import os
 import zipfile
+import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,10 +13,19 @@ from typing import Any
 
 import numpy as np
 
+from ..disk.publish import publish
+from ..disk.staging import cannot_write, staged
 from ..physics.errors import InputError
 from .monte_carlo import Arrays, Study
 
 MANIFEST = "study.json"
+DIGEST = "digest"
+"""The array of a chunk's file that says whose it is and that the others are what they were."""
+_SPOILT = (
+    *(OSError, EOFError, LookupError, ValueError, TypeError, SyntaxError),
+    *(NotImplementedError, RuntimeError, MemoryError, zipfile.BadZipFile, zlib.error),
+)
+"""What reading a file that is no chunk ends in."""
 
 
 @dataclass(frozen=True)
@@ -29,57 +39,73 @@ class Store:
     def open(cls, folder: Path, study: Study) -> Store:
         """Start or resume.  Raises InputError where the folder holds chunks of another study, or cannot be written."""
         manifest = folder / MANIFEST
+        if not manifest.exists():
+            publish(folder, {MANIFEST: json.dumps(study.fingerprint, indent=1)})
+            return cls(folder, study)
         try:
-            folder.mkdir(parents=True, exist_ok=True)
-            if manifest.exists():
-                _require_same(json.loads(manifest.read_text("utf-8")), study, folder)
-            else:
-                _write(manifest, json.dumps(study.fingerprint, indent=1).encode())
-        except json.JSONDecodeError:
+            found = json.loads(manifest.read_text("utf-8")) if manifest.is_file() else None
+        except OSError as error:
+            raise cannot_write(folder, error) from None
+        except (ValueError, RecursionError):
+            found = None
+        if not isinstance(found, dict):
             raise InputError(
                 f"{manifest}: found it damaged, wanted that of a study; remove {folder} or choose another one"
-            ) from None
-        except OSError as error:
-            raise InputError(
-                f"{folder}: found no way to write there ({error.strerror}), wanted a folder that can be written"
-            ) from None
+            )
+        _require_same(found, study, folder)
         return cls(folder, study)
 
     def path(self, c: int) -> Path:
         return self.folder / f"{c:08d}.npz"
 
     def missing(self) -> list[int]:
-        """Chunks that are missing, damaged, or have another number of trials."""
+        """Chunks that are missing, spoilt, or have another number of trials."""
         return [c for c in range(self.study.chunks) if not self._has(c)]
 
+    def spoilt(self, chunks: list[int]) -> list[Path]:
+        """The files of those chunks that hold none of this study, or no longer what was written."""
+        return [self.path(c) for c in chunks if self.path(c).exists() and self._read(c) is None]
+
     def _has(self, c: int) -> bool:
+        arrays = self._read(c)
+        return arrays is not None and int(arrays["trials"]) == self.study.count(c)
+
+    def _read(self, c: int) -> Arrays | None:
+        """The arrays of chunk c; None where its file is missing or spoilt."""
         try:
-            with self.path(c).open("rb") as file:
-                stored = np.load(file, allow_pickle=False)
-                # reading all of it checks its check sums
-                return int({name: stored[name] for name in stored.files}["trials"]) == self.study.count(c)
-        except (OSError, KeyError, ValueError, zipfile.BadZipFile):
-            return False
+            if not self.path(c).is_file():  # a pipe would keep us waiting
+                return None
+            with np.load(self.path(c), allow_pickle=False) as stored:
+                arrays = {name: stored[name] for name in stored.files}
+            whole = str(arrays.pop(DIGEST)) == self._digest(c, arrays)
+        except _SPOILT:
+            return None
+        return arrays if whole else None
+
+    def _digest(self, c: int, arrays: Arrays) -> str:
+        """SHA-256 of what a chunk depends on, its number and its arrays."""
+        found = hashlib.sha256(json.dumps([self.study.fingerprint, c], sort_keys=True).encode())
+        for name, values in sorted(arrays.items()):
+            found.update(f"{name} {values.dtype.str} {values.shape}".encode())
+            found.update(np.ascontiguousarray(values).tobytes())
+        return found.hexdigest()
 
     def save(self, c: int, arrays: Arrays) -> None:
-        """Write chunk c beside its place, then rename it."""
-        beside = self.path(c).with_suffix(f".{os.getpid()}.part")
-        with beside.open("wb") as file:
-            keywords: dict[str, Any] = dict(arrays)
-            np.savez(file, **keywords)
-        beside.replace(self.path(c))
+        """Write chunk c beside its place, then rename it.  Raises InputError where it cannot be written."""
+        keywords: dict[str, Any] = {**arrays, DIGEST: np.array(self._digest(c, arrays))}
+        with staged(self.folder, place=self.path(c)) as staging:
+            with staging.path(self.path(c).name).open("xb") as file:
+                np.savez(file, **keywords)
+            staging.commit([self.path(c).name])
 
     def load(self) -> Iterator[Arrays]:
-        """All chunks in their order, one at a time."""
+        """All chunks in their order, one at a time.  Raises InputError where one is gone since it was written."""
         for c in range(self.study.chunks):
-            with np.load(self.path(c), allow_pickle=False) as stored:
-                yield {name: stored[name] for name in stored.files}
-
-
-def _write(path: Path, content: bytes) -> None:
-    beside = path.with_suffix(f".{os.getpid()}.part")
-    beside.write_bytes(content)
-    beside.replace(path)
+            if (arrays := self._read(c)) is None:
+                raise InputError(
+                    f"{self.path(c)}: found it changed since it was written, wanted the chunk; run the command again"
+                )
+            yield arrays
 
 
 def _require_same(found: dict[str, Any], study: Study, folder: Path) -> None:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from ...disk.staging import require_room, staged, take_room
 from ...physics.errors import InputError
 from ...physics.units import DEG
+from ..text.files import trouble
 from .drivers import open_raster
 
 Array = NDArray[np.float64]
@@ -51,6 +52,8 @@ def write_grid(path: Path, blocks: Iterable[Array], shape: tuple[int, int], ever
 
 def is_grid(path: Path) -> bool:
     """Whether a file holds such a grid, of any image: by the bands that it has."""
+    if trouble(path) is not None:
+        return False
     try:
         if path.suffix.lower() == ".npy":
             with path.open("rb") as file:

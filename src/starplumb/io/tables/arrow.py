@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...physics.errors import InputError
-from ..text.files import composed, show
+from ..text.files import composed, show, trouble
 from ..text.numbers import MOST_FINITE
 from .cells import NUMBER, Array, Columns, cell_error, none_kept, to_numbers
 from .csv_rows import CsvLines
@@ -145,6 +145,8 @@ def _first_empty(column: Any) -> int | None:
 
 def binary_format(path: Path) -> str | None:
     """The format that a file's first bytes tell, None for text and for a file that cannot be opened."""
+    if trouble(path) is not None:
+        return None
     try:
         with path.open("rb") as file:
             start = file.read(8)

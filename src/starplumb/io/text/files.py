@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import codecs
+import stat
 import unicodedata
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -58,17 +59,26 @@ def nearest(word: str, known: Iterable[str]) -> str | None:
 def trouble(path: Path) -> str | None:
     """Why ``path`` cannot be read as a file (``found ..., wanted ...``), or None."""
     try:
+        if (kind := _no_file(path)) is not None:
+            return f"found {kind}, wanted a file"
         with path.open("rb"):
             return None
     except FileNotFoundError:
         return "found no such file, wanted a readable file"
-    except IsADirectoryError:
-        return "found a folder, wanted a file"
     except PermissionError:
         return "found a file that may not be read, wanted one with read permission"
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         return f"found a file that cannot be opened ({reason}), wanted a readable file"
+
+
+def _no_file(path: Path) -> str | None:
+    """What stands there in place of a file: a pipe never ends its first opening, a device never its reading."""
+    mode = path.stat().st_mode
+    if stat.S_ISREG(mode):
+        return None
+    kinds = {stat.S_IFDIR: "a folder", stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket"}
+    return kinds.get(stat.S_IFMT(mode), "a device")
 
 
 def read_bytes(path: Path) -> bytes:
@@ -87,6 +97,8 @@ def read_bytes(path: Path) -> bytes:
 def read_beginning(path: Path) -> bytes:
     """The first bytes of what a file holds, unpacked; empty where it cannot be opened."""
     try:
+        if _no_file(path) is not None:
+            return b""
         with path.open("rb") as file:
             return beginning(str(path), file.read(_HEAD), _HEAD)
     except (OSError, ValueError):
