@@ -384,3 +384,42 @@ def test_errors_are_measured_about_the_axes_of_the_tracker(two_images):
     np.testing.assert_allclose(
         Study(two_images, {"off": Off()}, 1, 5).samples(0)["off"].theta_E, [[1e-5, -2e-5, 3e-5]] * 5
     )
+
+
+SPOILT = {
+    "empty": lambda good, other: b"",
+    "cut off": lambda good, other: good[: len(good) // 2],
+    "foreign": lambda good, other: b"PK\x03\x04 nothing of ours",
+    "of another number": lambda good, other: other,
+    "one bit": lambda good, other: good[:2000] + bytes([good[2000] ^ 1]) + good[2001:],
+}
+
+
+@pytest.mark.parametrize("spoil", SPOILT.values(), ids=SPOILT)
+def test_a_spoilt_chunk_is_computed_again_and_said(two_images, tmp_path, spoil):
+    study = Study(two_images, {"gls": Gls()}, 5, 60, 20)
+    store = Store.open(tmp_path, study)
+    assert run(store, Serial()) == ()
+    good, other = store.path(1).read_bytes(), store.path(0).read_bytes()
+    store.path(1).write_bytes(spoil(good, other))
+    (said,) = run(Store.open(tmp_path, study), Serial())
+    assert said.endswith(
+        "found 1 chunks that are damaged or of another study (00000001.npz); they were computed again"
+    )
+    assert store.path(1).read_bytes() == good
+    assert run(Store.open(tmp_path, study), Serial()) == ()
+
+
+def test_a_chunk_of_another_study_is_none_of_this(two_images, tmp_path):
+    for seed, name in ((5, "one"), (6, "two")):
+        run(Store.open(tmp_path / name, Study(two_images, {"gls": Gls()}, seed, 20, 20)), Serial())
+    store = Store.open(tmp_path / "one", Study(two_images, {"gls": Gls()}, 5, 20, 20))
+    store.path(0).write_bytes((tmp_path / "two" / store.path(0).name).read_bytes())
+    assert store.missing() == [0]
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{", "3", "\ud800"])
+def test_a_spoilt_manifest_is_refused(two_images, tmp_path, text):
+    (tmp_path / "study.json").write_bytes(text.encode("utf-8", "surrogatepass"))
+    with pytest.raises(InputError, match=r"study\.json: found it damaged"):
+        Store.open(tmp_path, Study(two_images, {"gls": Gls()}, 5, 20, 20))

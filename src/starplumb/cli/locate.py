@@ -100,8 +100,8 @@ def locate(
     found = read_campaign(campaign, outside.value)
     view = view_of(found, result, image, height_m, dem, None if heights is None else heights.value, geoid)
     if grid is not None:
-        _agreed(speak, grid, grid_shape(view, grid, every, rows), yes)
         require_place(grid.parent, [grid.name], [found.loaded.sources, dem, geoid, result])
+        _agreed(speak, grid, grid_shape(view, grid, every, rows), yes)
         written = write_grid(
             view, grid, every, rows, lambda blocks, total: speak.watched(blocks, "Locating", total)
         )

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from .. import __version__
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
 
 Tone = Literal["good", "fair", "bad"]
+_FOOT = "<footer><p>Made by starplumb "
 
 
 @dataclass(frozen=True)
@@ -82,6 +84,14 @@ class Page:
     sections: tuple[Section, ...]
     kind: str = "report"
     remarks: tuple[str, ...] = field(default=())
+
+
+def is_page(path: Path) -> bool:
+    """Whether a file is a page of ours: by what it says at its end."""
+    try:
+        return path.is_file() and _FOOT in path.read_text(encoding="utf-8")
+    except (OSError, ValueError):
+        return False
 
 
 def render(page: Page) -> str:

@@ -75,7 +75,8 @@ class Store:
         try:
             if not self.path(c).is_file():  # a pipe would keep us waiting
                 return None
-            with np.load(self.path(c), allow_pickle=False) as stored:
+            with self.path(c).open("rb") as file:
+                stored = np.load(file, allow_pickle=False)
                 arrays = {name: stored[name] for name in stored.files}
             whole = str(arrays.pop(DIGEST)) == self._digest(c, arrays)
         except _SPOILT:

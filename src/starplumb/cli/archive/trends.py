@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from ..options.places import require_place
 from ..output import Json, Output, Quiet, Verbose, drawn
 from .options import File, OfCamera, OfSatellite
 
@@ -38,8 +39,12 @@ def trend(
 
       starplumb archive trend mission.db --out trend --horizon-days 90
     """
+    from ...disk.owned import require_own
+    from ...report.page import is_page
     from ...session.mission.archive import open_archive
 
+    if out is not None:
+        require_own(out / "trend.html", [file], is_page)
     found = open_archive(file).trend(satellite, camera, at, horizon_days)
     speak = Output(json, quiet, verbose)
     written = []
@@ -112,12 +117,15 @@ def issue(
     """
     from ...session.mission.archive import open_archive
 
+    mark = ("issue.json", "starplumb-archive-issue/1")
+    if out is not None:
+        require_place(out, ["mounting.tf", mark[0]], [file], mark)
     done = open_archive(file).issue(reason, start, end, satellite, camera)
     if out is not None:
-        from ...io.text.write import json_text, publish
+        from ...io.text.write import marked, publish
         from ...session.mission.kernel import kernel_of
 
-        publish(out, {"mounting.tf": kernel_of(done), "issue.json": json_text(done)})
+        publish(out, {"mounting.tf": kernel_of(done)}, mark=marked(mark[0], done))
     speak = Output(json, quiet, verbose)
     speak.document(done)
     sigma = ", ".join(f"{s:.2f}" for s in done["sigma_arcsec"])
