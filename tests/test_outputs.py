@@ -17,7 +17,7 @@ from starplumb.io.text.files import trouble
 from starplumb.io.text.visible import visible
 from starplumb.report.svg import drawing, standalone
 from test_docs import COMMANDS
-from test_pinhole import tsai
+from test_pinhole import image, tsai
 
 FOREIGN = "a user's own\n"
 
@@ -99,6 +99,7 @@ def over_a_folder(folder):
 def over_a_table(folder):
     (folder / "new").mkdir()
     (folder / "new" / "ephemeris.csv").write_text(FOREIGN, encoding="utf-8")
+    image(folder, "shot.tif")
     product = [tsai(folder), folder / "new", "--sigma-m", 1, "--sigma-arcsec", 1]
     return ["import", *product], folder / "new" / "ephemeris.csv"
 

@@ -12,6 +12,7 @@ from multiprocessing import parent_process
 from threading import Thread
 from typing import TYPE_CHECKING, Any, Protocol
 
+from ..disk.interruption import uninterrupted
 from ..physics.errors import ArgumentError, InputError
 from .monte_carlo import Arrays, Study
 from .store import Store
@@ -202,8 +203,9 @@ def run(
     spoilt = store.spoilt(missing)
     done(study.trials - sum(study.count(c) for c in missing))
     for c, arrays in scheduler.results(study, missing):
-        store.save(c, arrays)
-        done(study.count(c))
+        with uninterrupted():  # what is kept is counted
+            store.save(c, arrays)
+            done(study.count(c))
     if not spoilt:
         return ()
     names = ", ".join(path.name for path in spoilt[:NAMED]) + (", ..." if len(spoilt) > NAMED else "")
