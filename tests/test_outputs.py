@@ -158,6 +158,7 @@ def test_every_command_stands_in_the_table():
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:Dataset has no geotransform")
 @pytest.mark.parametrize("case", [case for cases in WRITING.values() for case in cases])
 def test_no_command_replaces_what_it_reads_or_has_not_written(example, tmp_path, monkeypatch, case):
     folder = tmp_path / "work"
