@@ -314,7 +314,8 @@ def test_wrong_usage_ends_with_status_2() -> None:
     for arguments in (["calibrate"], ["calibrate", "--colour"], ["paint"], ["init", "x", "--images", "0"]):
         spoken = starplumb(*arguments)
         assert (spoken.status, spoken.out) == (2, "")
-        assert "Error: " in spoken.err
+        assert spoken.err.startswith("starplumb: ")
+        assert spoken.err.count("\n") == 1
 
 
 @pytest.mark.parametrize("place", ["file", "below a file", "locked"])

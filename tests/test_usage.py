@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import re
+import sys
 
+import numpy as np
 import pytest
 from tests.command import Spoken, demo, starplumb
 from typer.main import get_command
@@ -51,6 +53,18 @@ def test_without_a_command_the_help_is_shown():
     spoken = starplumb()
     assert spoken.status == 2
     assert spoken.err.startswith("Usage: starplumb")
+
+
+def test_a_report_of_a_fault_can_name_what_was_run():
+    told = starplumb("--version", "--verbose").out.splitlines()
+    assert told[0] == starplumb("--version").out.strip()
+    assert told[1].startswith(f"Python {sys.version.split()[0]} on ")
+    assert f"numpy {np.__version__}" in told
+    assert any(line.startswith("rasterio") for line in told)
+    assert not any(line.startswith("pytest") for line in told)
+    for odd in (["--verbose"], ["--verbose", "check", "a.toml"]):
+        refused = starplumb(*odd)
+        assert (refused.status, refused.out, refused.err.count("\n")) == (2, "", 1)
 
 
 def test_summaries_of_commands_are_not_cut():

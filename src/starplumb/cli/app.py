@@ -24,6 +24,7 @@ from .project import project
 from .reproduce import reproduce
 from .simulate import simulate
 from .usage import Verbs, WithNumbers
+from .versions import lines
 
 app = typer.Typer(
     cls=Commands,
@@ -36,19 +37,20 @@ app = typer.Typer(
 )
 
 
-def _version(wanted: bool) -> None:
-    if wanted:
-        typer.echo(f"starplumb {__version__}")
-        raise typer.Exit
-
-
-@app.callback()
+@app.callback(invoke_without_command=True)
 def _options(
-    version: Annotated[
-        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and exit.")
+    ctx: typer.Context,
+    version: Annotated[bool, typer.Option("--version", help="Print the version and exit.")] = False,
+    verbose: Annotated[
+        bool, typer.Option("--verbose", "-v", help="With --version: what a report of a fault should name.")
     ] = False,
 ) -> None:
-    pass
+    if version:
+        typer.echo("\n".join(lines() if verbose else [f"starplumb {__version__}"]))
+    elif ctx.invoked_subcommand is None:
+        ctx.fail("Missing command")
+    elif verbose:
+        ctx.fail("--verbose before a command goes with --version; each command has its own")
 
 
 for command in (

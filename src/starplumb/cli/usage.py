@@ -72,7 +72,7 @@ def sentence(error: Exception) -> str | None:
     message = re.sub(r"'(-[^' ]*|[A-Z.a-z]+\.toml)'", r"\1", message)
     for pattern, said in (
         (r"No such (option|command):? '?([^\s']+)", _unheard_of),
-        (r"Missing (?:option|argument) (.*)", lambda found, _ctx: f"found no {found[1]}, wanted one"),
+        (r"Missing (?:option |argument )?(.*)", lambda found, _ctx: f"found no {found[1]}, wanted one"),
         (r"Invalid value for (.*)", lambda found, _ctx: found[1]),
     ):
         if found := re.match(pattern, message):
