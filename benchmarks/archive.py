@@ -268,7 +268,7 @@ def grown(folder: Path, count: int, gap_days: float) -> Path:
     """An archive of campaigns of one site, the equations of one, later and later, each as its own sightings."""
     part = flown([site(0)], np.random.default_rng(1))[0]
     campaign = sp.read_campaign(write_campaign(folder / "one", part))
-    base = coming(sp.calibrate(campaign), "SAT").row
+    base = coming(sp.calibrate(campaign), "SAT", "").row
     path = folder / "mission.db"
     store.create(path, "SAT")
     with store.opened(path) as database, store.transaction(database):

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from .options.common import CampaignArgument, StartOption
+from .options.common import SchedulerOption, StartOption
 from .options.complete import methods, parameters
 from .options.outside import Choice, OutsideOption
 from .options.places import require_place
@@ -15,7 +15,10 @@ from .output import Json, Output, Quiet, Verbose
 
 
 def calibrate(
-    campaign: CampaignArgument,
+    campaigns: Annotated[
+        list[Path],
+        typer.Argument(help="The campaign.toml; of several each by itself.", metavar="CAMPAIGN.toml..."),
+    ],
     method: Annotated[
         str,
         typer.Option(
@@ -76,8 +79,25 @@ def calibrate(
             help="Folder of the results [default: `result` beside the campaign].",
         ),
     ] = None,
-    report: Annotated[bool, typer.Option(help="Write report.html, which takes two seconds.")] = True,
+    report: Annotated[
+        bool | None,
+        typer.Option(
+            "--report/--no-report",
+            help="Write report.html, which takes two seconds [default: of a single campaign].",
+            show_default=False,
+        ),
+    ] = None,
     gpkg: Annotated[bool, typer.Option("--gpkg", help="Write residuals.gpkg for QGIS too.")] = False,
+    jobs: Annotated[
+        int | None, typer.Option("--jobs", "-j", min=1, help="Campaigns at a time [default: processors].")
+    ] = None,
+    archive: Annotated[
+        Path | None,
+        typer.Option(
+            "--archive", metavar="FILE.db", help="Add the results to this archive, made if need be."
+        ),
+    ] = None,
+    scheduler: SchedulerOption = None,
     outside: OutsideOption = Choice.REFUSE,
     json: Json = False,
     quiet: Quiet = False,
@@ -88,6 +108,10 @@ def calibrate(
     Writes result.json, residuals.csv, the page report.html and the SPICE frame kernel mounting.tf; with --gpkg also
     the residuals as a map, residuals.gpkg.
 
+    Of several campaigns, or with --archive, each is calibrated by itself: none stops the rest, what is there already is
+    not made again, and fleet.html and fleet.json (in DIR, else beside the archive, else here) say what came of each and
+    how the satellites are. With --out each result is a folder of DIR.
+
     Examples:
 
       starplumb calibrate demo/campaign.toml
@@ -95,14 +119,31 @@ def calibrate(
       starplumb calibrate campaign.toml --out results --json
 
       starplumb calibrate campaign.toml --robust --estimate focal_length,time_offset=10ms
+
+      starplumb calibrate */campaign.toml --jobs 4 --archive mission.db
     """
-    from ..physics.errors import AlignmentFailed
+    from ..physics.errors import AlignmentFailed, InputError
     from ..session.calibration import NotIdentified
     from ..session.calibration import calibrate as run
     from ..session.campaign import read_campaign
     from ..session.result import MAP, MARK, RESULT_FILES
 
     speak = Output(json, quiet, verbose)
+    chosen = "robust" if robust and method in ("default", "gls") else method
+    if len(campaigns) > 1 or archive is not None:
+        from ..session.mission.fleet import Asked
+        from .archive.fleet import fleet
+
+        if gpkg:
+            raise InputError("--gpkg: found with several campaigns or --archive, wanted one campaign without")
+        asked = Asked(
+            *(chosen, tuple(estimate or ()), start, reach_deg, prior, drift),
+            outside=outside.value,
+            report=bool(report),
+        )
+        fleet(speak, campaigns, asked, out, jobs, scheduler, archive)
+        return
+    campaign = campaigns[0]
     out = out or campaign.parent / "result"
     if gpkg:
         from ..io.gis.geopackage import require_pyogrio
@@ -111,14 +152,13 @@ def calibrate(
     found = read_campaign(campaign, outside.value)
     require_place(out, [MARK[0], *RESULT_FILES], [found.loaded.sources, prior], MARK)
     try:
-        chosen = "robust" if robust and method in ("default", "gls") else method
         result = run(found, estimate or (), chosen, reach_deg, prior, start, drift)
     except NotIdentified as refused:
         speak.notices(found.notices)
         refused.save(out)
         raise
     speak.notices(found.notices)
-    result.save(out, report, gpkg)
+    result.save(out, report is not False, gpkg)
     speak.document(result.document)
     advice = [f"next: starplumb diagnose {campaign}"] if result.implausible else []
     speak.shown(result, f"written: {out}", *advice)

@@ -192,6 +192,7 @@ class ResultDocument(Document):
     status: Annotated[str, AfterValidator(_known)]
     message: str
     campaign: str | None = None
+    satellite: str | None = None
     method: str
     mounting: Mounting
     correction_arcsec: Numbers3 | None

@@ -292,7 +292,9 @@ def _provenance(loaded: LoadedCampaign) -> dict[str, Any]:
     """Where the Earth's orientation came from, whether it was predicted, and which corrections were on."""
     c = loaded.campaign.corrections
     orientation = loaded.orientation
+    named = loaded.config.campaign.satellite
     return {
+        **({} if named is None else {"satellite": named}),
         "earth_orientation": None
         if orientation is None
         else {"source": orientation.source, "predicted": loaded.predicted_orientation},

@@ -35,3 +35,7 @@ StartOption = Annotated[
         help="Where sequential, observer and the linear methods start: closed-form, or model, as published.",
     ),
 ]
+SchedulerOption = Annotated[
+    str | None,
+    typer.Option("--scheduler", metavar="ADDRESS", help="Run on this Dask cluster instead (extra cluster)."),
+]

@@ -44,6 +44,7 @@ class General(Section):
     """[campaign]"""
 
     name: Text = Field(description="the campaign's name in quotes")
+    satellite: Text | None = Field(default=None, description="the satellite's name, for archives of several")
     time_scale: Annotated[Literal["UTC", "TAI", "GPS", "TT"], choice("UTC", "TAI", "GPS", "TT")] = Field(
         description='the scale of all times in the tables, "UTC", "TAI", "GPS" or "TT"'
     )

@@ -35,15 +35,18 @@ class Coming:
     notices: tuple[str, ...] = ()
 
 
-def coming(what: Result | str | Path, satellite: str) -> Coming:
+def coming(what: Result | str | Path, satellite: str | None, default: str) -> Coming:
     """What is to be added: a Result, the path of a ``result.json``, of its folder, or of a ``campaign.toml``.
 
-    A campaign is calibrated by default.  Raises InputError where it is none of these.
+    It is of ``satellite``, of the one that it states where that is None, else of ``default``.  A campaign is calibrated
+    by default.  Raises InputError where it is none of these.
     """
     if isinstance(what, Result):
         path = what.campaign.path
         folders = () if path is None else (path.parent,)
-        return Coming(_row(json_text(what.document), what.normals, satellite, "the result"), folders)
+        return Coming(
+            _row(json_text(what.document), what.normals, (satellite, default), "the result"), folders
+        )
     path = Path(what)
     path = _within(path) if path.is_dir() else path
     if path.suffix.lower() == ".toml":
@@ -51,9 +54,9 @@ def coming(what: Result | str | Path, satellite: str) -> Coming:
         from ..campaign import read_campaign
 
         campaign = read_campaign(path)
-        found = coming(calibrate(campaign), satellite)
+        found = coming(calibrate(campaign), satellite, default)
         return Coming(found.row, found.folders, campaign.notices)
-    return _of_result(path, satellite)
+    return _of_result(path, satellite, default)
 
 
 def _within(folder: Path) -> Path:
@@ -63,7 +66,7 @@ def _within(folder: Path) -> Path:
     raise InputError(f"{folder}: found neither result.json nor campaign.toml in it, wanted one of them")
 
 
-def _of_result(path: Path, satellite: str) -> Coming:
+def _of_result(path: Path, satellite: str | None, default: str) -> Coming:
     text, beside = read_text(path), path.with_name("normals.json")
     document = ResultDocument.from_json(text, str(path))
     normals = None
@@ -75,11 +78,11 @@ def _of_result(path: Path, satellite: str) -> Coming:
                 f"{beside}: found equations about another mounting than that of {path.name}, wanted those of one "
                 "result; calibrate again"
             )
-    row = _row(text, None if normals is None else normals.to_dict(), satellite, str(path))
+    row = _row(text, None if normals is None else normals.to_dict(), (satellite, default), str(path))
     return Coming(row, (path.absolute().parent.parent, path.absolute().parent))
 
 
-def _row(text: str, normals: Mapping[str, Any] | None, satellite: str, name: str) -> NewCampaign:
+def _row(text: str, normals: Mapping[str, Any] | None, of: tuple[str | None, str], name: str) -> NewCampaign:
     result = ResultDocument.from_json(text, name)
     if not result.inputs or result.span is None:
         raise InputError(
@@ -87,6 +90,7 @@ def _row(text: str, normals: Mapping[str, Any] | None, satellite: str, name: str
         )
     equations = None if normals is None else NormalsDocument.of(normals)
     inputs, options = sorted(result.inputs.values()), options_of(result)
+    satellite = next(name for name in (of[0], result.satellite, of[1]) if name is not None)
     first, last = parse([result.span.first, result.span.last], "UTC").tolist()
     images = {i.image_id: i for i in result.images or ()}
     of_image = {} if equations is None else {e.image_id: e.sightings for e in equations.images}

@@ -54,18 +54,22 @@ class Archive(Shown):
         self,
         what: Result | str | Path | Sequence[str | Path],
         satellite: Satellite | None = None,
+        unnamed: Satellite | None = None,
     ) -> dict[str, Any]:
         """Add results (a Result, the path of a ``result.json`` or of its folder) or campaigns (the path of a
         ``campaign.toml``, which is then calibrated by default), all or none.
 
         The same inputs with the same options are one entry, however often they are added.  The files of a campaign are
-        kept beside the archive where they still are what the result was made from.  ``satellite`` is theirs, by default
-        the archive's own.  Raises InputError where sightings would count twice, or a landmark stood elsewhere before.
+        kept beside the archive where they still are what the result was made from.  ``satellite`` is theirs, by
+        default the one that a campaign states, else that of the archive, else ``unnamed``.  Raises InputError where
+        sightings would count twice, or a landmark stood elsewhere before.
         """
         each = [what] if isinstance(what, Result | str | Path) else list(what)
         with store.opened(self.path) as database:
-            name = self._default(database) if satellite is None else satellite
-        found = [coming(one, name) for one in each]
+            default = self._default(database)
+        if unnamed is not None and not default:
+            default = unnamed
+        found = [coming(one, satellite, default) for one in each]
         kept = [self._keep(one) for one in found]
         with store.opened(self.path) as database, store.transaction(database):
             new = [self._insert(database, one) for one in found]
