@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Literal
 
 from .. import __version__
 from ..io.text.visible import visible
+from .cards import Card
 from .svg import svg_text
 
 if TYPE_CHECKING:
@@ -67,10 +68,11 @@ class Section:
     figures: tuple[Figure, ...] = ()
     tables: tuple[Table, ...] = ()
     bullets: tuple[str, ...] = ()
+    cards: tuple[Card, ...] = ()
 
     @property
     def empty(self) -> bool:
-        return not (self.sentences or self.figures or self.tables or self.bullets)
+        return not (self.sentences or self.figures or self.tables or self.bullets or self.cards)
 
 
 @dataclass(frozen=True)
