@@ -12,6 +12,7 @@ import oracles
 from helpers import OBSERVATIONS, write_good_campaign
 from problems import C_EK_TRUE, FRAME, LINE, truth
 from starplumb.estimators import METHODS
+from starplumb.estimators.consensus import own_covariance
 from starplumb.estimators.gls import Gls
 from starplumb.estimators.protocol import Status
 from starplumb.io.campaign.read import load_campaign
@@ -20,6 +21,7 @@ from starplumb.io.results.residual_table import residual_columns, residual_names
 from starplumb.io.scenario.read import load_scenario
 from starplumb.judge.calibrate import calibrate
 from starplumb.judge.error_shares import shares
+from starplumb.judge.files.image_errors import OwnErrors, _noise
 from starplumb.physics import so3
 from starplumb.physics.covariance import ellipse_of, ellipse_parts
 from starplumb.physics.errors import InputError
@@ -27,6 +29,7 @@ from starplumb.plan.bound import bound_E
 from starplumb.report.calibration_figures import by_ellipse
 from starplumb.solve import chunks, design_rows
 from starplumb.solve.adjustment import solve
+from starplumb.solve.normals import image_normals
 from starplumb.solve.problem import Problem
 from starplumb.table.campaign import Sightings
 from starplumb.table.equation import linearise
@@ -294,6 +297,53 @@ def test_error_over_sigma_is_one(name, rng):
     if name == "gls":
         dof = int(found.degrees_of_freedom[0])
         assert np.mean(found.chi2) == pytest.approx(dof, abs=4 * np.sqrt(2 * dof / 1000))
+
+
+def dense(o: Observations) -> tuple[np.ndarray, np.ndarray]:
+    """Derivatives (2 n, 3) by the mounting, and the covariance (2 n, 2 n) of all residuals."""
+    sens = oracles.sensitivities(o, C_EK_TRUE)
+    return sens.mounting, oracles.covariance_of_observations(o, sens)
+
+
+def test_what_a_sighting_has_for_itself_is_written_out(rng):
+    """R S R^T and the ellipse, in the three places that need it alone; a rounding adds to both variances."""
+    o = elongated(observe(truth(FRAME, 1, 3)), rng)
+    model = linearise(o, C_EK_TRUE)
+    by_hand = np.array(
+        [
+            model.R[j] @ o.cov_landmark_J[o.landmark[j]] @ model.R[j].T + o.sigma_px[j] ** 2 * o.ellipse[j]
+            for j in range(o.n)
+        ]
+    )
+    np.testing.assert_allclose(own_covariance(o, model), by_hand, rtol=1e-12)
+    rounded = _noise(o, model, OwnErrors(pixel=0.25))
+    np.testing.assert_allclose(rounded, by_hand + 0.25 * np.eye(2), rtol=1e-12)
+
+
+def test_normal_equations_of_images_sum_to_the_whole(rng):
+    o = elongated(observe(truth(FRAME, 3, 4)), rng)
+    problem = Problem(o, (), C_EK_TRUE, np.zeros(0), (np.zeros((3, 3)), np.zeros(3)))
+    total = sum(one.information for one in image_normals(problem, np.zeros(0, dtype=np.int64)))
+    H, V = dense(o)
+    whole = H.T @ np.linalg.solve(V, H)
+    scale = np.sqrt(np.diag(whole))
+    np.testing.assert_allclose(total / np.outer(scale, scale), whole / np.outer(scale, scale), atol=1e-4)
+
+
+def test_the_share_of_the_pixels_is_that_of_dense_least_squares(rng):
+    campaign = truth(FRAME, 3, 6)
+    o = elongated(observe(campaign), rng)
+    column, row = Errors.draw(o, rng).pixel.T
+    s = campaign.sightings
+    sightings = replace(
+        s, sigma_px=o.sigma_px, ellipse=o.ellipse, column_px=s.column_px + column, row_px=s.row_px + row
+    )
+    found = shares(calibrate(replace(campaign, sightings=sightings), Gls()))["image measurement"]
+    H, V = dense(o)
+    gain = np.linalg.solve(H.T @ np.linalg.solve(V, H), np.linalg.solve(V, H).T)
+    by_hand = gain @ oracles.noise_of_pixels(o) @ gain.T
+    scale = np.sqrt(np.diag(by_hand))
+    np.testing.assert_allclose(found / np.outer(scale, scale), by_hand / np.outer(scale, scale), atol=1e-3)
 
 
 def test_residuals_and_shares_know_the_ellipse(rng):

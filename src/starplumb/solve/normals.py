@@ -60,8 +60,10 @@ def _of_part(linear: Linear, among: NDArray[np.bool_]) -> Iterator[ImageNormals]
     if rows.size == 0:
         return
     X, D = _whitened(linear, rows, ~among[o.landmark[rows]])
-    squares, ends = np.add.reduceat(X.mT @ X, starts), np.append(starts[1:], rows.size)
-    for start, end, own in zip(starts.tolist(), ends.tolist(), squares, strict=True):
+    for start, end in zip(starts.tolist(), [*starts[1:].tolist(), rows.size], strict=True):
+        # one product an image: those of single sightings are too many numbers where much is in common
+        mine = X[start:end].reshape(-1, X.shape[-1])
+        own = mine.T @ mine
         seen = start + np.flatnonzero(among[o.landmark[rows[start:end]]])
         seen = seen[np.argsort(o.landmark[rows[seen]])]
         N = own if seen.size == 0 else _with_places(own, X[seen], D[seen])

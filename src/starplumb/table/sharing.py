@@ -46,7 +46,7 @@ MOST_NEIGHBOURS = 1_000
 """Landmarks of a scenario whose errors may be drawn correlated over a distance."""
 MOST_SHAPES = 400
 """Sums over images for which their covariance is exact, more only where each has but six."""
-ROUNDS, SETTLED = 60, 1e-4
+ROUNDS, SETTLED = 60, 1e-3
 """Rounds in which what is a landmark's own is found at most, and its change at which that has been."""
 NEGLIGIBLE = 1e-10
 """Share of a process's variance that a draw may carry and yet be left out."""
@@ -213,17 +213,17 @@ def _neighbourly(c: Campaign, o: Observations, model: Linearised) -> tuple[Array
     F, KF, own = _seen_by_images(c, o, A)
     size = np.maximum(np.vecdot(A, A).sum(axis=-1), 1e-300)
     count = np.maximum(np.bincount(o.landmark, minlength=o.n_landmarks), 1)
-    share, U = np.ones(o.n_landmarks), KF
+    share, wide = np.ones(o.n_landmarks), KF.reshape(2 * o.n, -1)
     for _ in range(ROUNDS):
-        left = KF - share[o.landmark, None, None] * own
-        values, vectors = np.linalg.eigh(np.einsum("nip,niq->pq", F, left, optimize=True))
+        left = wide - np.repeat(share[o.landmark], 2)[:, None] * own.reshape(wide.shape)
+        values, vectors = np.linalg.eigh(F.reshape(wide.shape).T @ left)
         kept = values > NEGLIGIBLE * max(float(values[-1]), 0.0)
         U, before = left @ (vectors[:, kept] / np.sqrt(values[kept])), share
-        explained = np.vecdot(U, U).sum(axis=-1) / size
+        explained = np.vecdot(U, U).reshape(o.n, 2).sum(axis=-1) / size
         share = np.clip(1.0 - np.bincount(o.landmark, explained, o.n_landmarks) / count, 0.0, 1.0)
         if np.max(np.abs(share - before)) < SETTLED:
             break
-    return before, U
+    return before, U.reshape(o.n, 2, -1)
 
 
 def _seen_by_images(c: Campaign, o: Observations, A: Array) -> tuple[Array, Array, Array]:
