@@ -259,3 +259,38 @@ def test_equations_of_another_result_are_refused(tmp_path, parts):
     (parts["a"] / "normals.json").write_text((parts["b"] / "normals.json").read_text())
     with pytest.raises(InputError, match=r"equations about another mounting than that of result\.json"):
         archive_of(tmp_path, parts["a"])
+
+
+@pytest.mark.slow
+def test_the_past_is_repeated_from_the_kept_files(tmp_path, parts):
+    """The campaigns' own files are gone; the archive still says what today's program makes of them."""
+    result = sp.calibrate(sp.read_campaign(parts["a"].parent / "campaign.toml"), ["time_offset=10ms"], "gls")
+    result.save(parts["a"], report=False)
+    archive = archive_of(tmp_path, parts["a"], parts["b"])
+    shutil.rmtree(tmp_path / "made")
+    done = json.loads(starplumb("archive", "rerun", archive.path, "--json").out)
+    assert [one["name"] for one in done["campaigns"]] == ["a", "b"]
+    assert not any(one["changed"] for one in done["campaigns"])
+    assert all(abs(s) < 1e-6 for one in done["campaigns"] for s in one["change_sigmas"])
+
+
+@pytest.mark.slow
+def test_a_change_of_an_answer_is_said(tmp_path, parts):
+    archive = archive_of(tmp_path, parts["a"])
+    with sqlite3.connect(archive.path) as database:
+        database.execute("DROP TRIGGER campaign_UPDATE")
+        turned = so3.exp([1e-4, 0.0, 0.0]) @ np.array(
+            json.loads((parts["a"] / "result.json").read_text())["mounting"]["matrix"]
+        )
+        database.execute("UPDATE campaign SET matrix = ?", (turned.astype("<f8").tobytes(),))
+    (one,) = archive.rerun()["campaigns"]
+    assert one["changed"]
+    assert one["change_arcsec"][0] == pytest.approx(-1e-4 * 206264.806, rel=1e-6)
+
+
+def test_what_is_not_kept_is_not_run(tmp_path, parts):
+    archive = archive_of(tmp_path, parts["a"])
+    shutil.rmtree(blobs.folder_of(archive.path))
+    done = archive.rerun()
+    assert done["campaigns"] == []
+    assert done["not_run"][0]["reason"] == "campaign.toml is not kept"

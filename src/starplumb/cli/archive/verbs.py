@@ -11,6 +11,7 @@ from ..output import Json, Output, Quiet, Verbose, drawn
 from ..usage import WithNumbers
 from . import trends
 from .options import File, OfCamera, OfSatellite
+from .rerun import rerun
 
 archive = typer.Typer(
     help="The memory of a mission: campaigns, their joint solution, the mounting's trend, and what was issued.",
@@ -198,5 +199,5 @@ def verify(file: File, json: Json = False, quiet: Quiet = False, verbose: Verbos
         raise AlignmentFailed(f"{file}: {'; '.join(found['faults'][:3])}")
 
 
-for verb in (trends.trend, trends.event, trends.issue):
+for verb in (trends.trend, trends.event, trends.issue, rerun):
     archive.command(verb.__name__, cls=WithNumbers)(verb)

@@ -142,3 +142,37 @@ class ArchiveVerifyDocument(Document):
     campaigns: int
     faults: list[str]
     not_kept: dict[str, list[str]]
+
+
+class Rerun(Part):
+    """A campaign calibrated again: how far its mounting is from the one in the archive, also in sigmas of that, and the
+    sigmas over those; ``changed`` by more than a hundredth of a sigma, or in status."""
+
+    id: str
+    name: str
+    software_then: str
+    status_then: str
+    status_now: str
+    change_arcsec: Numbers3
+    change_sigmas: Numbers3 | None
+    sigma_ratio: Numbers3 | None
+    changed: bool
+    message: str
+
+
+class NotRun(Part):
+    """A campaign that could not be calibrated again."""
+
+    id: str
+    name: str
+    reason: str
+
+
+class ArchiveRerunDocument(Document):
+    """The campaigns of an archive calibrated again with this program."""
+
+    schema_: Literal["starplumb-archive-rerun/1"] = Field(alias="schema")
+    archive: str
+    software: str
+    campaigns: list[Rerun]
+    not_run: list[NotRun]

@@ -203,7 +203,11 @@ def result_text(database: sqlite3.Connection, campaign: str) -> str:
 
 def inputs_of(database: sqlite3.Connection, campaign: str) -> dict[str, str]:
     """The files that a campaign was made from, and their digests."""
-    return dict(database.execute("SELECT name, sha256 FROM input WHERE campaign = ?", (campaign,)).fetchall())
+    return dict(
+        database.execute(
+            "SELECT name, sha256 FROM input WHERE campaign = ? ORDER BY rowid", (campaign,)
+        ).fetchall()
+    )
 
 
 def images_of(database: sqlite3.Connection, campaign: str) -> list[ImageRow]:

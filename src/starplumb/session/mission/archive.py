@@ -217,6 +217,15 @@ class Archive(Shown):
             **{name: counts[table] for name, table in tables.items()},
         }
 
+    @checked
+    def rerun(self, campaign: str | None = None) -> dict[str, Any]:
+        """Calibrate every campaign that is not withdrawn again, from its kept files with its own options, and say what
+        changes; or one, by the first characters of its id or by its name."""
+        from .rerun import rerun_document
+
+        chosen = self.entries if campaign is None else (one_of(self.entries, campaign),)
+        return rerun_document(self.path, tuple(entry for entry in chosen if entry.withdrawn is None))
+
     def verify(self) -> dict[str, Any]:
         """What is wrong with the archive, and which campaigns could not be run again for want of their files."""
         return {
