@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from problems import C_EK_TRUE, FRAME, LINE, truth
+from starplumb.ground.geolocation import positions, terrain_below
 from starplumb.ground.grid import Terrain, geodetic_rows, locate_on_terrain, locate_rows
 from starplumb.physics import so3
 from starplumb.physics.camera import Distortion
@@ -83,8 +84,34 @@ def test_pixels_beside_the_terrain_are_empty():
     assert 0.2 < np.mean(np.isnan(height)) < 0.8
 
 
-def test_looking_past_the_earth_is_refused():
+@pytest.mark.parametrize("camera", [FRAME, LINE], ids=["frame", "line"])
+def test_pixels_past_the_earth_are_nan_and_the_others_where_each_is_alone(camera):
+    """Turned so far that the horizon crosses the image: a wider camera, to see it."""
+    wide = (
+        replace(camera, pitch=200.0 * camera.pitch)
+        if camera is FRAME
+        else replace(camera, tan_x=200.0 * camera.tan_x)
+    )
+    campaign = truth(wide, 1, 1)
+    turn = so3.exp(np.array([0.0, 60.0 * DEG, 0.0])) if camera is FRAME else np.eye(3)
+    found = locate_rows(campaign, turn @ C_EK_TRUE, 0, ROWS, COLUMNS).reshape(-1, 3)
+    row, column = (x.ravel() for x in np.meshgrid(ROWS, COLUMNS, indexing="ij"))
+    single = locate(campaign, turn @ C_EK_TRUE, np.zeros(row.size, dtype=int), column, row, 0.0)
+    assert 0.1 < np.mean(np.isnan(found[:, 0])) < 0.9
+    np.testing.assert_allclose(found, single, atol=1e-4, rtol=0)
+    geodetic = geodetic_rows(campaign, turn @ C_EK_TRUE, 0, ROWS, COLUMNS).reshape(-1, 2)
+    met = np.isfinite(single[:, 0])
+    latitude, longitude, _ = itrf_to_geodetic(single[met])
+    np.testing.assert_allclose(geodetic[met, 0], latitude, atol=2e-11, rtol=0)
+    np.testing.assert_allclose(np.sin(geodetic[met, 1] - longitude), 0.0, atol=2e-11)
+    assert np.isnan(geodetic[~met]).all()
+
+
+def test_looking_past_the_earth_alone_meets_nothing():
     campaign = truth(FRAME, 1, 1)
     away = so3.exp(np.array([0.0, 120.0 * DEG, 0.0])) @ C_EK_TRUE
-    with pytest.raises(InputError, match="misses the Earth"):
-        locate_rows(campaign, away, 0, ROWS, COLUMNS)
+    assert np.isnan(locate_rows(campaign, away, 0, ROWS, COLUMNS)).all()
+    (block,) = positions(campaign, away, 0, ROWS, COLUMNS, 0.0)
+    assert np.isnan(block).all()
+    with pytest.raises(InputError, match="found no line of sight that meets the Earth"):
+        terrain_below(campaign, away, 0, ROWS, COLUMNS, lambda latitude, _: 0.0 * latitude, 100.0)

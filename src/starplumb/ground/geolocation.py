@@ -33,15 +33,15 @@ def positions(
 ) -> Iterator[Array]:
     """Longitude, latitude (rad) and height (m) (r, c, 3) of columns (c,) and of rows (r,), these in blocks.
 
-    ``ground`` is a height above the ellipsoid or a terrain, beside which pixels are NaN.  Raises EpochError for a row
-    outside the orbit or attitude, InputError where a line of sight misses the Earth.
+    ``ground`` is a height above the ellipsoid or a terrain, beside which pixels are NaN, as they are past
+    the Earth.  Raises EpochError for a row outside the orbit or attitude.
     """
     for rows in np.array_split(row_px, block_count(row_px, column_px)):
         if isinstance(ground, Terrain):
             place, height = locate_on_terrain(campaign, C_EK, image, rows, column_px, ground)
         else:
             place = geodetic_rows(campaign, C_EK, image, rows, column_px, ground)
-            height = np.full(place.shape[:-1], ground)
+            height = np.where(np.isnan(place[..., 0]), np.nan, ground)
         place = np.where(np.isnan(height)[..., None], np.nan, place)
         longitude = np.remainder(place[..., 1] + np.pi, 2.0 * np.pi) - np.pi
         yield np.stack([longitude, place[..., 0], height], axis=-1)
@@ -81,6 +81,10 @@ def terrain_below(
         rows, columns = _thinned(row_px), _thinned(column_px)
         seen = [geodetic_rows(campaign, C_EK, image, rows, columns, level) for level in (low, high)]
         places = np.concatenate(seen).reshape(-1, 2)
+        places = places[np.isfinite(places).all(axis=1)]
+        if not places.size:
+            name = campaign.images.ids[image]
+            raise InputError(f"image {name!r}: found no line of sight that meets the Earth, wanted some")
         places[:, 1] = np.unwrap(places[:, 1])
         margin = 3.0 * step_m / EARTH_RADIUS_M * np.array([1.0, 1.0 / np.cos(np.abs(places[:, 0]).max())])
         return places.min(axis=0) - margin, places.max(axis=0) + margin

@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..physics.earth import itrf_to_geodetic
-from ..physics.errors import InputError
 from ..table.campaign import Campaign
 from ..table.geometry import Stations, ground_points, stations
 
@@ -68,7 +67,7 @@ def locate_rows(
 ) -> Array:
     """Ground points p_J (r, c, 3) of all columns (c,) in rows (r,) of an image, at a height above the ellipsoid (m).
 
-    Raises EpochError for a row outside the orbit or attitude, InputError where a line of sight misses the Earth.
+    NaN where a line of sight misses the Earth.  Raises EpochError for a row outside the orbit or attitude.
     """
 
     def exact(station: Stations, e_J: Array) -> Array:
@@ -86,9 +85,11 @@ def geodetic_rows(
     def exact(station: Stations, e_J: Array) -> Array:
         p_J = ground_points(e_J, station.r_J[:, None], station.v_J[:, None], campaign.corrections, height)
         latitude, longitude, _ = itrf_to_geodetic(p_J)
-        longitude = np.unwrap(longitude, axis=1)
+        if not np.isnan(longitude).any():
+            longitude = np.unwrap(longitude, axis=1)
         below = np.arctan2(station.r_J[:, 1], station.r_J[:, 0])[:, None]
-        longitude -= 2.0 * np.pi * np.round((longitude[:, :1] - below) / (2.0 * np.pi))
+        first = longitude if np.isnan(longitude).any() else longitude[:, :1]
+        longitude -= 2.0 * np.pi * np.round((first - below) / (2.0 * np.pi))
         return np.stack([latitude, longitude], axis=-1)
 
     return _interpolated(campaign, C_EK, image, row_px, column_px, exact, 1.0 / 6.4e6)
@@ -140,16 +141,16 @@ def _interpolated(
         trial = nodes.values(campaign, C_EK, image, probes, exact)
         truth = _exactly(campaign, C_EK, image, probes, between, exact)
         off = np.abs(nodes.weights(campaign, between) @ trial - truth)
-        if np.nanmax(off, initial=0.0) < TOLERANCE_M * unit and np.all(np.isfinite(trial)):
+        if not np.all(np.isfinite(trial)):
+            break
+        if np.nanmax(off, initial=0.0) < TOLERANCE_M * unit:
             values = nodes.values(campaign, C_EK, image, row_px, exact)
             r, n, q = values.shape
             product = np.moveaxis(values, 1, 2).reshape(r * q, n) @ nodes.weights(campaign, column_px).mT
             return np.moveaxis(product.reshape(r, q, column_px.size), 1, 2)
         count *= 2
-    name = campaign.images.ids[image]
-    raise InputError(
-        f"image {name!r}: found a line of sight that misses the Earth, wanted all of them to meet it"
-    )
+    # where some lines of sight miss the Earth nothing is smooth
+    return _exactly(campaign, C_EK, image, row_px, column_px, exact)
 
 
 def _exactly(

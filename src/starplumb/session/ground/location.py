@@ -258,7 +258,9 @@ class Grid(Shown):
         size = f"{d['rows']} x {d['columns']}"
         lines = [f"{d['file']}: longitude, latitude, height of {size} pixels (mounting: {d['mounting']})"]
         if d["pixels_without_ground"]:
-            lines.append(f"{d['pixels_without_ground']} of them have no ground in the DEM and are NaN")
+            lines.append(
+                f"{d['pixels_without_ground']} of them have no ground (beside the DEM, or past the Earth) and are NaN"
+            )
         if d["rows_left_out"]:
             rows = f"{d['rows_left_out']} of {d['rows']} rows"
             lines.append(f"{rows} lie outside attitude or orbit and are NaN")
