@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import second
-from damage import BINARY, PLAIN, hashed, in_gzip, respelled
+from damage import BINARY, PLAIN, hashed, in_gzip, odd_number, other_number, respelled
 from products import products
 from series import series
 from target import Compare, Target
@@ -136,6 +136,45 @@ spacecraft_id = -999
 """
 
 
+def _answers() -> Iterator[Target]:
+    """Numbers anywhere in a campaign that are possible or not, and what calibrating with them gives."""
+    from helpers import FILES
+
+    def read(folder: Path) -> Any:
+        import starplumb as sp
+
+        try:
+            return sp.calibrate(sp.read_campaign(folder / "campaign.toml")).document
+        except sp.AlignmentFailed as failed:
+            return str(failed)
+
+    more = FILES["campaign.toml"].replace(
+        "[ephemeris]", "sigma_arcsec = [3600.0, 3600.0, 3600.0]\n\n[ephemeris]"
+    )
+    files = _text(FILES) | {"campaign.toml": more.encode()}
+    yield Target("calibrate", files, tuple(files), read, (odd_number, other_number), ())
+
+
+def _archive() -> Iterator[Target]:
+    from tempfile import TemporaryDirectory
+
+    import starplumb as sp
+
+    with TemporaryDirectory() as folder:
+        sp.calibrate(sp.demo(images=4)).save(Path(folder, "result"))
+        archive = sp.open_archive(Path(folder, "mission.db"), create=True, satellite="SAT1")
+        archive.add(Path(folder, "result", "result.json"))
+        data = Path(folder, "mission.db").read_bytes()
+
+    def read(folder: Path) -> Any:
+        import starplumb as sp
+
+        archive = sp.open_archive(folder / "mission.db")
+        return archive.listed, archive.show().document
+
+    yield Target("archive", {"mission.db": data}, ("mission.db",), read, BINARY, ())
+
+
 def _documents() -> Iterator[Target]:
     from tempfile import TemporaryDirectory
 
@@ -203,6 +242,6 @@ def targets() -> dict[str, Target]:
         _table("observations.csv", ("image_id", "landmark_id"), ("column_px", "row_px", "sigma_px")),
         _parquet(),
     ]
-    for several in (_campaigns, series, products, _documents, _scenarios, _orientation):
+    for several in (_campaigns, series, products, _documents, _scenarios, _orientation, _answers, _archive):
         found += several()
     return {target.name: target for target in found}

@@ -63,6 +63,9 @@ _OneOrTwo = float | tuple[float, float]
 Numbers = Annotated[tuple[float, ...], _numbers("one number or a list of numbers")]
 Latitude = Annotated[float, BeforeValidator(number("degrees between -90 and 90", lambda x: abs(x) <= 90.0))]
 Finite = Annotated[float, BeforeValidator(number("a number"))]
+Seconds = Annotated[
+    float, BeforeValidator(number("seconds within a century of the epoch", lambda x: abs(x) <= 3.2e9))
+]
 Part = Annotated[float, BeforeValidator(number("a number above 0, at most 1", lambda x: 0.0 < x <= 1.0))]
 
 
@@ -133,7 +136,7 @@ class SiteConfig(Section):
 class PassConfig(Section):
     """[[passes]]: images of the site at the pitch angles of one pass."""
 
-    time_s: Finite = Field(default=0.0, description="the time at which the site is abeam, s after the epoch")
+    time_s: Seconds = Field(default=0.0, description="the time at which the site is abeam, s after the epoch")
     roll_deg: Finite | None = Field(
         default=None, description="the roll that looks at the site abeam, degrees"
     )
