@@ -109,9 +109,16 @@ def table(counts) -> str:
         by_target[name][kind] += n
     lines = [f"| reader | cases | {' | '.join(KINDS)} |", "|---|" + "---|" * (len(KINDS) + 1)]
     for name, found in [*by_target.items(), ("all", sum(by_target.values(), Counter()))]:
-        cells = " | ".join(f"{found[kind]:,}".replace(",", " ") for kind in KINDS)
-        lines.append(f"| {name} | {sum(found.values()):,} | {cells} |".replace(",", " ", 1))
-    return "\n".join(lines).replace("accepted  compared", "accepted, compared")
+        numbers = [sum(found.values()), *(found[kind] for kind in KINDS)]
+        lines.append(f"| {name} | {' | '.join(f'{n:,}'.replace(',', ' ') for n in numbers)} |")
+    return "\n".join(lines)
+
+
+def summed(runs) -> Counter[tuple[str, str]]:
+    counts: Counter[tuple[str, str]] = Counter()
+    for run in runs:
+        counts.update({(name, kind): n for name, kind, n in run["counts"]})
+    return counts
 
 
 def show(name: str, number: int, seed: int, out: Path) -> None:
@@ -136,7 +143,14 @@ def main() -> None:
     parser.add_argument("--show", nargs=2, metavar=("READER", "NUMBER"))
     parser.add_argument("--out", type=Path, default=Path("case"))
     parser.add_argument("--json", type=Path, help="append counts and faults to this file")
+    parser.add_argument(
+        "--sum", type=Path, help="print the table of all runs in such a file, and run nothing"
+    )
     given = parser.parse_args()
+    if given.sum:
+        runs = [json.loads(line) for line in given.sum.read_text().splitlines()]
+        print(table(summed(runs)))
+        return
     if given.show:
         show(given.show[0], int(given.show[1]), given.seed, given.out)
         return

@@ -30,6 +30,10 @@ LATEST_UTC_MINUS_TAI = -37
 """Seconds; a second is 0.004 deg of the Earth's turn."""
 
 
+_LEAST_RATE = 1e-6
+"""Of an orbit about the Earth, rad/s: a turn in ten weeks."""
+
+
 @dataclass(frozen=True)
 class OrbitPhase:
     """Even motion along an orbit: ``u = rate (t - node)``, ``node_ns`` an ascending node, ``rate`` rad/s."""
@@ -64,6 +68,7 @@ def mean_rate(r_J: Array, v_J: Array) -> Array:
     osculating = 1.0 / (2.0 / r - np.sum(v * v, axis=-1) / GM_EARTH)
     wave = 1.5 * J2_EARTH * EARTH_RADIUS**2 / osculating * (1.0 - c2)
     a = osculating - wave * np.cos(2.0 * argument_of_latitude(r_J, v))
+    a = np.where(a > 0.0, a, np.nan)  # no orbit is closed that leaves the Earth
     drift = 0.75 * J2_EARTH * (EARTH_RADIUS / a) ** 2
     return np.asarray(np.sqrt(GM_EARTH / a**3) * (1.0 + drift * (8.0 * c2 - 2.0)))
 
@@ -154,4 +159,6 @@ def phases(campaign: Campaign) -> Phases:
     u, beta = nothing.copy(), nothing.copy()
     u[covered], beta[covered] = latitude_argument(r_J, v_J), sun_beta(t_ns[covered], r_J, v_J)
     rate = float(np.median(mean_rate(r_J, v_J)))
+    if not rate > _LEAST_RATE:
+        return Phases(u, beta, None)
     return Phases(u, beta, even_motion(t_ns[covered], u[covered], rate))

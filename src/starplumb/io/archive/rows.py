@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...mission.joint import Equations, Known, summed
+from ..text.numbers import MOST_FINITE
 
 Array = NDArray[np.float64]
 
@@ -154,7 +155,13 @@ def _bytes(values: Array | None) -> bytes | None:
 
 
 def _numbers(data: bytes) -> Array:
-    return np.frombuffer(data, dtype="<f8").astype(np.float64)
+    """Numbers as they were kept.  Raises ValueError for what can be none."""
+    if not isinstance(data, bytes):
+        raise ValueError("numbers that are missing")
+    values = np.frombuffer(data, dtype="<f8").astype(np.float64)
+    if not (np.abs(values) < MOST_FINITE).all():
+        raise ValueError("numbers that are not finite")
+    return values
 
 
 def entries(database: sqlite3.Connection) -> list[Entry]:
@@ -233,9 +240,11 @@ def equations_of(database: sqlite3.Connection, entry: Entry) -> Equations:
     )
     blocks = {}
     for name, reference, expected, covariance in known:
-        size = len(reference) // 8
+        size = _numbers(reference).size
         P = None if covariance is None else _numbers(covariance).reshape(size, size)
         blocks[own_name(name, campaign)] = Known(_numbers(reference), _numbers(expected), P)
+    if "mounting" not in blocks:
+        raise ValueError("normal equations without the mounting")
     return summed(entry.C_EK, blocks, _images(database, campaign))
 
 

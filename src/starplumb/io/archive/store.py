@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import os
 import sqlite3
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from ...physics.errors import InputError
+from ..text.files import show
 from .schema import APPLICATION_ID, EDITION, statements
 
 WAIT_S = 60.0
@@ -79,7 +81,7 @@ def opened(path: Path) -> Iterator[sqlite3.Connection]:
         what = "a folder" if path.is_dir() else "no such file"
         raise InputError(f"{path}: found {what}, wanted an archive; starplumb archive init {path} makes one")
     require_local(path)
-    with _connected(path, path) as database:
+    with _connected(path, path) as database, _whole(path):
         _require_archive(database, path)
         mode = database.execute("PRAGMA journal_mode=WAL").fetchone()[0]
         if mode != "wal":
@@ -87,6 +89,18 @@ def opened(path: Path) -> Iterator[sqlite3.Connection]:
                 f"{path}: found a drive on which SQLite keeps no write-ahead log ({mode}), wanted a local one"
             )
         yield database
+
+
+@contextmanager
+def _whole(path: Path) -> Iterator[None]:
+    """Contents that are none of ours, in a sentence: SQLite itself keeps no check sums."""
+    try:
+        yield
+    except (ValueError, KeyError, zlib.error) as error:
+        reason = show(" ".join(str(error).split()))
+        raise InputError(
+            f"{path}: found a damaged archive ({reason}), wanted a whole one; starplumb archive verify looks into it"
+        ) from None
 
 
 @contextmanager
@@ -113,6 +127,8 @@ def _connected(path: Path, named: Path) -> Iterator[sqlite3.Connection]:
             database.close()
     except sqlite3.Error as error:
         raise InputError(f"{named}: {_sentence(error)}") from None
+    except UnicodeDecodeError:  # SQLite's own message about it
+        raise InputError(f"{named}: found a damaged archive, wanted a whole one") from None
 
 
 def _sentence(error: sqlite3.Error) -> str:
