@@ -13,6 +13,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, cast
 
+from ..io.text.libraries import keep_quiet
 from ..io.text.visible import visible
 
 if TYPE_CHECKING:
@@ -65,6 +66,7 @@ def drawing(
     height: float = HEIGHT, width: float = WIDTH, columns: int = 1
 ) -> Iterator[tuple[Drawing, list[Axes]]]:
     """A figure with axes side by side, in the report's style while the context lasts."""
+    keep_quiet("matplotlib")  # advice about caches, and about fonts
     import matplotlib
     from matplotlib.figure import Figure
 

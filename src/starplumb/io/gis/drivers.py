@@ -6,7 +6,6 @@ addresses in the network.
 
 from __future__ import annotations
 
-import logging
 import re
 import sys
 from collections.abc import Iterator, Sequence
@@ -17,6 +16,7 @@ from warnings import catch_warnings, simplefilter
 
 from ...physics.errors import InputError
 from ..text.files import show, trouble
+from ..text.libraries import keep_quiet
 
 if TYPE_CHECKING:
     from rasterio.io import DatasetReader
@@ -109,9 +109,7 @@ def quiet_gdal() -> Iterator[None]:
     """GDAL's own lines kept from the terminal, and no warnings: what matters of them ends in a sentence of ours."""
     from rasterio import Env
 
-    log = logging.getLogger("rasterio")
-    if not log.handlers:
-        log.addHandler(logging.NullHandler())  # without any, Python prints what libraries log
+    keep_quiet("rasterio")
     said, sys.unraisablehook = sys.unraisablehook, lambda _: None  # where its lines are no UTF-8
     try:
         with Env(), catch_warnings():
