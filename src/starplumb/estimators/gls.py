@@ -116,9 +116,9 @@ class Gls:
             problem = Fit(self.unknowns, observations, state, C_EK).whole
         else:
             solution = problem.solution
-        return self._report(observations, C_EK, state, solution, settled & fits, iterations)
+        return self.report(observations, C_EK, state, solution, settled & fits, iterations)
 
-    def _report(
+    def report(
         self,
         o: Observations,
         C_EK_model: Array,

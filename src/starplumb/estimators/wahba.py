@@ -26,18 +26,22 @@ class Wahba:
     """
 
     def __call__(self, observations: Observations, C_EK: Array) -> AlignmentEstimate:
-        weighted_e_E = observations.weight[..., None] * observations.e_E
-        B = weighted_e_E.mT @ observations.e_K
-        B = np.where(np.all(np.isfinite(B), axis=(-2, -1), keepdims=True), B, 0.0)  # and so singular
-        U, S, Vt = np.linalg.svd(B)
-        sign = np.sign(np.linalg.det(U) * np.linalg.det(Vt))
-        U = U * np.stack([np.ones_like(sign), np.ones_like(sign), sign], axis=-1)[..., None, :]
-        # two directions fix the rotation: the second singular value measures how far apart they are (rad^2, times n)
-        singular = S[..., 1] + sign * S[..., 2] <= 1e-15 * S[..., 0]
-        C = U @ Vt
-        status = status_of(observations, C, determined=~singular)
+        C, known = rotation(observations)
+        status = status_of(observations, C, determined=known)
         notes = without_prior(
             observations,
             "closed form, any initial error; all sightings weigh the same; states no sigma",
         )
         return AlignmentEstimate(C, None, status, np.ones_like(status), notes=notes)
+
+
+def rotation(observations: Observations) -> tuple[Array, NDArray[np.bool_]]:
+    """The rotations (..., 3, 3) of the closed form, and where (...) the observations determine them."""
+    weighted_e_E = observations.weight[..., None] * observations.e_E
+    B = weighted_e_E.mT @ observations.e_K
+    B = np.where(np.all(np.isfinite(B), axis=(-2, -1), keepdims=True), B, 0.0)  # and so singular
+    U, S, Vt = np.linalg.svd(B)
+    sign = np.sign(np.linalg.det(U) * np.linalg.det(Vt))
+    U = U * np.stack([np.ones_like(sign), np.ones_like(sign), sign], axis=-1)[..., None, :]
+    # two directions fix the rotation: the second singular value measures how far apart they are (rad^2, times n)
+    return U @ Vt, np.asarray(S[..., 1] + sign * S[..., 2] > 1e-15 * S[..., 0])

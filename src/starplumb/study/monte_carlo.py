@@ -21,6 +21,7 @@ from ..plan.scenario import Scenario
 from ..table.error_sources import draw
 from ..table.observations import Observations
 from ..table.simulate import measure
+from .refined import of_scene
 from .statistics import Moments
 
 Array = NDArray[np.float64]
@@ -29,7 +30,7 @@ Arrays = dict[str, NDArray[Any]]
 
 CHUNK = 4096
 """Trials of a chunk: large enough for array arithmetic, small enough for the cache and for many workers."""
-FORMAT = 2
+FORMAT = 3
 """Of the arrays of a chunk: those of another format are refused."""
 SIGHTINGS_AT_ONCE = 32768
 """Trials of a chunk are run in batches of about this many sightings, so that memory does not grow with the scene."""
@@ -172,6 +173,11 @@ class Study:
             "format": FORMAT,
         }
 
+    @cached_property
+    def estimators(self) -> dict[str, Estimator]:
+        """The methods as they run here: least squares on all runs of the scenario together."""
+        return {name: of_scene(estimator, self.scenario) for name, estimator in self.methods.items()}
+
     def generator(self, c: int) -> np.random.Generator:
         """The generator of chunk c."""
         return np.random.Generator(np.random.Philox(key=np.array([self.seed, c], dtype=np.uint64)))
@@ -191,7 +197,7 @@ class Study:
         made: dict[str, list[Samples]] = {name: [] for name in self.methods}
         while left > 0:
             observations, C_EK = self.measured(rng, min(batch, left))
-            for name, estimator in self.methods.items():
+            for name, estimator in self.estimators.items():
                 # a run that fails is data: its status is counted, its arithmetic may overflow
                 with np.errstate(all="ignore"):
                     made[name].append(Samples.of(estimator(observations, C_EK), self.scenario.C_EK_true))

@@ -136,8 +136,9 @@ class Observations:
                 chosen[name] = getattr(self, name)[..., keep, :, :]
         return replace(self, **chosen)
 
-    def run(self, index: tuple[int, ...]) -> Observations:
-        """One run of a batch: the table at ``index`` into :attr:`batch`, without batch axes."""
+    def run(self, index: tuple[int, ...] | tuple[Index]) -> Observations:
+        """One run of a batch: the table at ``index`` into :attr:`batch`, without batch axes; of one batch axis also
+        several runs (r,)."""
         chosen: dict[str, Any] = {}
         shared = dict.fromkeys(("cov_attitude_E", "cov_position_J", "cov_landmark_J", *MAY_LACK), 3)
         for name, own_axes in ({name: 1 + len(tail) for name, tail in _TAILS.items()} | shared).items():
