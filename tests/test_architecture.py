@@ -43,6 +43,7 @@ FOLDERS = (
         "io.formats",
         "io.gis",
         "io.points",
+        "io.imagery",
         "io.campaign",
         "io.scenario",
         "io.vendors",

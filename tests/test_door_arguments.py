@@ -50,6 +50,10 @@ class Made:
         return found
 
     @cached_property
+    def measurement(self) -> sp.Measurement:
+        return sp.Measurement(self.folder / "campaign.toml", None, None, ())
+
+    @cached_property
     def projection(self) -> sp.Projection:
         return sp.project(self.campaign)
 
@@ -66,6 +70,7 @@ class Made:
             "budget": {"scenario": self.scenario},
             "scenario": {"source": "two-images"},
             "read_campaign": {"path": "campaign.toml"},
+            "measure": {"path": "campaign.toml"},
             "Campaign.read": {"path": "campaign.toml"},
             "Campaign.from_tables": {"settings": {}},
             "demo": {},

@@ -118,7 +118,12 @@ def of_an_archive(name, *command):
     return made
 
 
+def over_the_measured(folder):
+    return ["measure", folder / "campaign.toml", "--out", folder], folder / "campaign.toml"
+
+
 WRITING = {
+    "measure": [over_the_measured],
     "calibrate": [
         over_observations,
         over_the_prior,

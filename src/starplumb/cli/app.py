@@ -19,6 +19,7 @@ from .files.init import init
 from .files.points import points
 from .files.schema import schema
 from .locate import locate
+from .measure import measure
 from .predict import predict
 from .project import project
 from .reproduce import reproduce
@@ -54,7 +55,7 @@ def _options(
 
 
 for command in (
-    *(init, import_, check, calibrate, compare, diagnose, locate, project, predict, points),
+    *(init, import_, check, measure, calibrate, compare, diagnose, locate, project, predict, points),
     *(simulate, budget, reproduce, schema),
 ):
     app.command(command.__name__.rstrip("_"), cls=WithNumbers)(command)

@@ -86,7 +86,7 @@ def result_document(
         **_shared(c, where),
         **({} if truth is None or refuted else {"truth": _truth(c, truth)}),
         "inputs": dict(inputs),
-        "software": _software(),
+        "software": software(),
         **provenance,
         "notices": [*provenance.get("notices", ()), *c.notices],
     }
@@ -192,7 +192,7 @@ def unmatched_document(
         "rejected": [],
         "labels": labels.counts,
         "inputs": dict(inputs),
-        "software": _software(),
+        "software": software(),
     }
 
 
@@ -201,7 +201,7 @@ def _mounting(frames: tuple[str, str], C_EK: Array) -> dict[str, Any]:
     return {"from": frames[0], "to": frames[1], "matrix": numbers(C_EK), "quaternion_xyzw": quaternion}
 
 
-def _software() -> dict[str, str]:
+def software() -> dict[str, str]:
     return {"starplumb": __version__, "numpy": np.__version__}
 
 

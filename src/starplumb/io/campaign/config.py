@@ -10,6 +10,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
 
+from ..imagery.config import ImageryConfig, MeasureConfig, ReferenceConfig
 from ..tables.keys import TimedKeys, UnitsConfig
 from ..text.files import show
 from ..text.sections import Section
@@ -267,6 +268,15 @@ class CampaignConfig(Section):
     detections: DetectionsConfig | None = Field(
         default=None, description="the section [detections] with file"
     )
+    imagery: ImageryConfig | None = Field(
+        default=None, description="the section [imagery] with files, the raw images"
+    )
+    reference: ReferenceConfig | None = Field(
+        default=None, description="the section [reference] with files, dem, heights and sigma_m"
+    )
+    measure: MeasureConfig = Field(
+        default_factory=lambda: MeasureConfig(), description="the section [measure] with chip_px and grid"
+    )
     corrections: CorrectionsConfig = Field(
         default_factory=lambda: CorrectionsConfig(), description="the section [corrections]"
     )
@@ -301,7 +311,11 @@ class CampaignConfig(Section):
         if "observations" in given and "detections" in given:
             yield "detections", "found beside [observations], wanted exactly one of the two"
         if "observations" not in given and "detections" not in given:
-            yield "observations", "missing, wanted the section [observations] or [detections] with file"
+            first = " (starplumb measure makes them of the raw images)" if "imagery" in given else ""
+            yield (
+                "observations",
+                f"missing, wanted the section [observations] or [detections] with file{first}",
+            )
         yield from frame_rules(given)
         yield from attitude_rules(given)
         model = _section(given, "camera").get("model")

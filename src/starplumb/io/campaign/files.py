@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -30,10 +30,17 @@ class Files:
     folder: Path = Path()
 
     @classmethod
-    def of(cls, config: CampaignConfig, given: Settings) -> Files:
-        """Every table given, and where each named file is.  Raises InputError that lists all that cannot be opened."""
-        points = _point_files(config, given)
-        names = {key: name for key, name in _named(config).items() if key.removesuffix(".file") not in points}
+    def of(cls, config: CampaignConfig, given: Settings, without: Collection[str] = ()) -> Files:
+        """Every table given, and where each named file is, but those of the sections ``without``.
+
+        Raises InputError that lists all that cannot be opened.
+        """
+        points = {key: each for key, each in _point_files(config, given).items() if key not in without}
+        names = {
+            key: name
+            for key, name in _named(config).items()
+            if key.removesuffix(".file") not in points and key.partition(".")[0] not in without
+        }
         tables = {key: given.tables.get(key, given.folder / name) for key, name in names.items()}
         places = {key: place for key, place in tables.items() if isinstance(place, Path)}
         places |= {f"{key}.file": path for key, each in points.items() for path in each.paths}
@@ -66,6 +73,12 @@ class Files:
         for each in self.points.values():
             found |= {name: fingerprint(path) for name, path in zip(each.names, each.paths, strict=True)}
         return found | {name: fingerprint(self.folder / name) for name in further}
+
+
+def names_of(config: CampaignConfig) -> list[str]:
+    """The names of the files of a campaign as it writes them, but those of its marks."""
+    marks = ("landmarks", "observations", "detections")
+    return [name for key, name in _named(config).items() if key.partition(".")[0] not in marks]
 
 
 def _named(config: CampaignConfig) -> dict[str, str]:

@@ -32,7 +32,7 @@ from .marks.images import images_of, read_images
 from .marks.landmarks import read_landmarks
 from .marks.outside import Coverage, LeftOut, Outside
 from .marks.row_times import named, require_rows
-from .settings import read_settings
+from .settings import Settings, read_settings
 from .sharing import attitude_sharing, position_sharing
 from .spice_config import spice_rules
 from .table_config import LandmarksConfig
@@ -108,10 +108,7 @@ def load_campaign(
     refuses them. Raises InputError, one sentence, for the first file or table that cannot be used.
     """
     given = read_settings(settings, tables)
-    config = check(given.document, CampaignConfig, given.name)
-    flown = config.ephemeris.object if config.ephemeris.file.lower().endswith(".bsp") else None
-    if problems := [f"{key}: {text}" for key, text in spice_rules(config.spice, config.tracker, flown)]:
-        raise refuse(given.name, problems)
+    config = _config(given)
     files = Files.of(config, given)
     if config.detections is not None and not with_detections:
         raise InputError(
@@ -121,6 +118,7 @@ def load_campaign(
     notices: list[str] = []
     orientation = _orientation(config, files)
     campaign, detections, rows = _assemble(config, files, orientation, notices, given.name)
+    assert rows is not None
     further = named(campaign.images)
     inputs = given.digest | files.fingerprints(further)
     sources = (*([settings] if isinstance(settings, Path) else []), *files.paths(further))
@@ -128,6 +126,61 @@ def load_campaign(
         *(campaign, config, inputs, tuple(notices), orientation, rows, detections, outside), sources=sources
     )
     return _without_outside(loaded) if outside == "skip" else loaded
+
+
+@dataclass(frozen=True)
+class LoadedImages:
+    """A campaign whose marks are still to be measured: it has neither landmarks nor sightings.
+
+    ``inputs``, ``notices`` and ``sources`` are as those of :class:`LoadedCampaign`; ``folder`` is what names in its
+    settings are relative to.
+    """
+
+    campaign: Campaign
+    config: CampaignConfig
+    inputs: dict[str, str]
+    notices: tuple[str, ...]
+    sources: tuple[Path, ...]
+    folder: Path
+
+    @property
+    def shift_px(self) -> float:
+        """What the user's pixel coordinates are ahead of ours."""
+        return pixel_shift(self.config.camera)
+
+
+MEASURED = ("landmarks", "observations")
+"""Sections whose tables measuring writes."""
+
+
+def load_images(settings: Path) -> LoadedImages:
+    """Read a campaign up to its marks; sections [landmarks] and [observations] may be missing, and are not looked at.
+
+    Raises InputError, one sentence, for the first file that cannot be used.
+    """
+    given = read_settings(settings, None)
+    # what is written there is replaced: it need not be there, nor be right
+    given.document.update({name: {"file": f"{name}.csv"} for name in MEASURED})
+    given.document.pop("detections", None)
+    config = _config(given)
+    files = Files.of(config, given, without=MEASURED)
+    notices: list[str] = []
+    orientation = _orientation(config, files)
+    campaign, _, _ = _assemble(config, files, orientation, notices, given.name, marked=False)
+    further = named(campaign.images)
+    inputs = given.digest | files.fingerprints(further)
+    return LoadedImages(
+        campaign, config, inputs, tuple(notices), (settings, *files.paths(further)), given.folder
+    )
+
+
+def _config(given: Settings) -> CampaignConfig:
+    """The checked settings."""
+    config = check(given.document, CampaignConfig, given.name)
+    flown = config.ephemeris.object if config.ephemeris.file.lower().endswith(".bsp") else None
+    if problems := [f"{key}: {text}" for key, text in spice_rules(config.spice, config.tracker, flown)]:
+        raise refuse(given.name, problems)
+    return config
 
 
 def _without_outside(loaded: LoadedCampaign) -> LoadedCampaign:
@@ -157,23 +210,20 @@ def _assemble(
     orientation: EarthOrientation | None,
     notices: list[str],
     settings: str,
-) -> tuple[Campaign, Detections | None, Table]:
+    marked: bool = True,
+) -> tuple[Campaign, Detections | None, Table | None]:
     scale = config.campaign.time_scale
     camera = read_camera(config.camera, files.tables.get("camera.look_angles"), notices)
     images = _images(config, files, camera.scans, notices)
-    landmarks = read_landmarks(
-        files.of_points("landmarks"),
-        notices,
-        _ground(config.landmarks, files),
-        config.landmarks.declared("landmarks"),
-    )
-    if config.landmarks.common_sigma_m is not None:
-        landmarks = replace(landmarks, common_sigma=np.array(config.landmarks.common_sigma_m))
-    landmarks = replace(landmarks, correlation_length=config.landmarks.correlation_length_m)
-    grid = markers.Grid(*camera.size_px, shift_px=pixel_shift(config.camera))
-    sightings, detections, rows = _marks(config, files, images, landmarks, grid, notices)
+    landmarks, sightings = Landmarks((), np.empty((0, 3)), np.empty((0, 3, 3))), _no_sightings()
+    detections, rows = None, None
+    if marked:
+        landmarks = _landmarks(config, files, notices)
+        grid = markers.Grid(*camera.size_px, shift_px=pixel_shift(config.camera))
+        sightings, detections, rows = _marks(config, files, images, landmarks, grid, notices)
     marks = sightings if detections is None else detections
-    require_rows(images, marks.image, marks.row_px, rows)
+    if rows is not None:
+        require_rows(images, marks.image, marks.row_px, rows)
     ephemeris = motion.read_ephemeris(
         files.tables["ephemeris.file"], config.ephemeris, scale, images.t_ns, orientation, notices
     )
@@ -232,6 +282,17 @@ def _images(config: CampaignConfig, files: Files, scans: bool, notices: list[str
     if marks is None or pattern is None:
         raise ValueError("the rules want a table of images, or their times in their ids")
     return images_of(files.of_points(key), scale, pattern, marks.declared(key))
+
+
+def _landmarks(config: CampaignConfig, files: Files, notices: list[str]) -> Landmarks:
+    """The landmarks of their table, with what their survey shares."""
+    section = config.landmarks
+    landmarks = read_landmarks(
+        files.of_points("landmarks"), notices, _ground(section, files), section.declared("landmarks")
+    )
+    if section.common_sigma_m is not None:
+        landmarks = replace(landmarks, common_sigma=np.array(section.common_sigma_m))
+    return replace(landmarks, correlation_length=section.correlation_length_m)
 
 
 def _ground(config: LandmarksConfig, files: Files) -> Ground:

@@ -157,6 +157,7 @@ class Grid:
                 "WGS 84 there, wanted a grid in WGS 84 or one of its projections"
             )
         self._way = way
+        self.in_degrees = bool(crs.is_geographic)
 
     def of(self, longitude: Array, latitude: Array) -> tuple[Array, Array]:
         """Places (n,) in degrees as the grid counts; infinite where its projection has none."""

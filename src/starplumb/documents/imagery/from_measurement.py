@@ -1,0 +1,142 @@
+"""``measure.json`` of what was measured."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...imagery.chain import MeasuredImage
+from ...imagery.scene import Scene
+from ...imagery.verdicts import Candidate, Verdict
+from ...io.campaign.read import LoadedImages
+from ...table.geometry import project
+from ..from_calibration import software
+from .measure import MeasureDocument
+
+Array = NDArray[np.float64]
+
+
+class Measured(Protocol):
+    """What a document is made of."""
+
+    @property
+    def loaded(self) -> LoadedImages: ...
+
+    @property
+    def scene(self) -> Scene: ...
+
+    @property
+    def images(self) -> tuple[MeasuredImage, ...]: ...
+
+    @property
+    def usable(self) -> bool: ...
+
+    @property
+    def message(self) -> str: ...
+
+    @property
+    def floor_px(self) -> float: ...
+
+
+def measure_document(measured: Measured) -> dict[str, Any]:
+    """The document, checked against its model."""
+    each = [(image, _predicted(measured.loaded, image)) for image in measured.images]
+    document = {
+        "schema": MeasureDocument.kind(),
+        "status": "ok" if measured.usable else "failed",
+        "message": measured.message,
+        "campaign": measured.loaded.campaign.name,
+        "images": [_image(measured, image, predicted) for image, predicted in each],
+        "candidates": [row for image, predicted in each for row in _candidates(measured, image, predicted)],
+        "floor_px": measured.floor_px,
+        "inputs": measured.loaded.inputs,
+        "software": software(),
+    }
+    return MeasureDocument.of(document).to_dict()
+
+
+def _predicted(loaded: LoadedImages, image: MeasuredImage) -> Array:
+    """Pixels (n, 2) at which the ground of an image's chips lies by the model mounting; NaN where it is unknown."""
+    p_J = [np.full(3, np.nan) if c.candidate.p_J is None else c.candidate.p_J for c in image.chips]
+    at, campaign = np.array(p_J).reshape(-1, 3), loaded.campaign
+    pixel = np.full((len(at), 2), np.nan)
+    known = np.flatnonzero(np.isfinite(at).all(axis=-1))
+    if known.size:
+        start = np.array([image.chips[k].candidate.pixel for k in known])
+        index = np.full(known.size, image.image)
+        pixel[known] = project(campaign, campaign.C_EK, index, at[known], start)
+    return pixel
+
+
+def _image(measured: Measured, image: MeasuredImage, predicted: Array) -> dict[str, Any]:
+    chips = [chip.candidate for chip in image.chips]
+    used = [k for k, c in enumerate(chips) if c.verdict == Verdict.USED]
+    off = None
+    if used and not image.reason:
+        apart = np.array([chips[k].pixel for k in used]) - predicted[used]
+        off = np.median(apart, axis=0).tolist()
+    return {
+        "image_id": measured.loaded.campaign.images.ids[image.image],
+        "status": "left out" if image.reason else "measured",
+        "reason": image.reason,
+        "size_px": list(measured.scene.raws[image.image].size_px),
+        "candidates": len(chips),
+        "used": len(used),
+        "check": sum(chips[k].check for k in used),
+        "offset_px": off,
+        "floor_px": None if image.reason else float(image.floor_px),
+        "windows": [image.found.agree, image.found.tried],
+    }
+
+
+def _candidates(measured: Measured, image: MeasuredImage, predicted: Array) -> list[dict[str, Any]]:
+    name = measured.loaded.campaign.images.ids[image.image]
+    shift = measured.loaded.shift_px
+    rows = []
+    for chip, expected in zip(image.chips, predicted, strict=True):
+        c = chip.candidate
+        used = c.verdict == Verdict.USED and not image.reason
+        at = expected if np.all(np.isfinite(expected)) else c.place
+        rows.append(
+            {
+                "image_id": name,
+                "landmark_id": f"{name}-{c.number:03d}",
+                "column_px": float(c.pixel[0] + shift),
+                "row_px": float(c.pixel[1] + shift),
+                "predicted_column_px": float(at[0] + shift),
+                "predicted_row_px": float(at[1] + shift),
+                "verdict": str(c.verdict),
+                "reason": c.reason,
+                "role": ("check" if c.check else "control") if used else None,
+                **_ellipse(c, measured.floor_px if used else None),
+                **{key: _number(getattr(c, key)) for key in _FIGURES},
+                **_residual(c),
+            }
+        )
+    return rows
+
+
+_FIGURES = ("peak", "second", "agreement", "kept", "gain", "blur_px")
+
+
+def _ellipse(c: Candidate, floor_px: float | None) -> dict[str, Any]:
+    if floor_px is None:
+        return dict.fromkeys(("sigma_column_px", "sigma_row_px", "correlation"))
+    covariance = c.covariance + floor_px**2 * np.eye(2)
+    column, row = np.sqrt(np.diagonal(covariance)).tolist()
+    correlation = float(covariance[0, 1]) / (column * row)
+    return {"sigma_column_px": column, "sigma_row_px": row, "correlation": correlation}
+
+
+def _residual(c: Candidate) -> dict[str, Any]:
+    if c.residual_px is None or c.covariance_px2 is None:
+        return dict.fromkeys(("residual_column_px", "residual_row_px", "normalised"))
+    whitened = np.linalg.solve(np.linalg.cholesky(c.covariance_px2), c.residual_px)
+    column, row = c.residual_px.tolist()
+    return {"residual_column_px": column, "residual_row_px": row, "normalised": whitened.tolist()}
+
+
+def _number(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None

@@ -1,0 +1,188 @@
+"""Windows of rasters: PNG without any extra, everything else by GDAL."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...physics.errors import InputError
+from ..gis.drivers import open_raster
+from ..text.files import trouble
+
+Array = NDArray[np.float64]
+Affine = tuple[float, float, float, float, float, float]
+"""x = a c + b r + c0, y = d c + e r + f0 of the centre of the cell in column c and row r: (a, b, c0, d, e, f0)."""
+
+_GREY = {"1", "L", "I;16", "I;16B", "I", "LA", "RGB", "RGBA"}
+
+
+class Pixels(Protocol):
+    """One band of a raster; ``affine`` and ``wkt`` say where it lies, where the file does."""
+
+    @property
+    def path(self) -> Path: ...
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Columns, rows."""
+        ...
+
+    @property
+    def affine(self) -> Affine | None: ...
+
+    @property
+    def wkt(self) -> str | None: ...
+
+    def cells(self, column: int, row: int, columns: int, rows: int) -> Array:
+        """Values (rows, columns) of a window inside the raster; NaN where the file says that there are none."""
+        ...
+
+
+@dataclass(frozen=True)
+class PngPixels:
+    """A PNG, which cannot be read in parts; with the world file beside it, if any."""
+
+    path: Path
+    band: int
+
+    @cached_property
+    def _values(self) -> NDArray[Any]:
+        from PIL import Image, UnidentifiedImageError
+
+        largest = Image.MAX_IMAGE_PIXELS
+        try:
+            # a satellite's image is larger than what Pillow takes for an attack
+            Image.MAX_IMAGE_PIXELS = None
+            with Image.open(self.path, formats=["PNG"]) as image:
+                if image.mode not in _GREY:
+                    found = f"found a PNG of mode {image.mode}"
+                    raise InputError(f"{self.path}: {found}, wanted grey values of 8 or 16 bit")
+                values = np.asarray(image)
+        except (UnidentifiedImageError, OSError, SyntaxError, ValueError) as error:
+            said = " ".join(str(error).split())
+            raise InputError(
+                f"{self.path}: found a file that is not a whole PNG ({said}), wanted one"
+            ) from None
+        finally:
+            Image.MAX_IMAGE_PIXELS = largest
+        bands = values[..., None] if values.ndim == 2 else values
+        _require_band(self.path, self.band, bands.shape[-1])
+        return bands[..., self.band - 1]
+
+    @property
+    def size(self) -> tuple[int, int]:
+        rows, columns = self._values.shape
+        return columns, rows
+
+    @property
+    def affine(self) -> Affine | None:
+        """From a world file: six lines A, D, B, E, C, F of the centre of the first cell."""
+        for ending in (".pgw", ".pngw", ".wld"):
+            place = self.path.with_suffix(ending)
+            if place.is_file():
+                return _world(place)
+        return None
+
+    @property
+    def wkt(self) -> str | None:
+        return None
+
+    def cells(self, column: int, row: int, columns: int, rows: int) -> Array:
+        return self._values[row : row + rows, column : column + columns].astype(np.float64)
+
+
+@dataclass(frozen=True)
+class GdalPixels:
+    """A raster that GDAL opens, of which windows are read."""
+
+    path: Path
+    band: int
+    dataset: Any
+
+    @property
+    def size(self) -> tuple[int, int]:
+        return int(self.dataset.width), int(self.dataset.height)
+
+    @property
+    def affine(self) -> Affine | None:
+        t = self.dataset.transform
+        if t.is_identity:
+            return None
+        return t.a, t.b, t.c + 0.5 * (t.a + t.b), t.d, t.e, t.f + 0.5 * (t.d + t.e)
+
+    @property
+    def wkt(self) -> str | None:
+        return None if self.dataset.crs is None else str(self.dataset.crs.to_wkt())
+
+    def cells(self, column: int, row: int, columns: int, rows: int) -> Array:
+        from rasterio.errors import RasterioError
+        from rasterio.windows import Window
+
+        try:
+            band = self.dataset.read(self.band, window=Window(column, row, columns, rows), masked=True)
+        except RasterioError:
+            raise InputError(
+                f"{self.path}: found pixels that cannot be read, wanted a whole file (copy it anew)"
+            ) from None
+        return np.asarray(np.ma.filled(band.astype(np.float64), np.nan), dtype=np.float64)
+
+
+def open_pixels(path: Path, band: int) -> Pixels:
+    """A band of a raster, the first is 1.  Raises InputError where the file is none, or has no such band."""
+    if (found := trouble(path)) is not None:
+        raise InputError(f"{path}: {found}")
+    with path.open("rb") as file:
+        is_png = file.read(8) == b"\x89PNG\r\n\x1a\n"
+    if is_png:
+        return PngPixels(path, band)
+    dataset = open_raster(path)
+    _require_band(path, band, int(dataset.count))
+    return GdalPixels(path, band, dataset)
+
+
+def _require_band(path: Path, band: int, count: int) -> None:
+    if band > count:
+        held = f"{count} band" + ("s" if count > 1 else "")
+        raise InputError(f"{path}: found {held}, wanted band {band} (the key band)")
+
+
+def _world(place: Path) -> Affine:
+    try:
+        a, d, b, e, c, f = (float(line) for line in place.read_text(encoding="ascii").split())
+    except (ValueError, OSError):
+        raise InputError(
+            f"{place}: found text that is not a world file, wanted six lines of a number"
+        ) from None
+    if not np.all(np.isfinite([a, b, c, d, e, f])) or a * e == b * d:
+        raise InputError(f"{place}: found numbers that lay out no grid, wanted steps that are not 0")
+    return a, b, c, d, e, f
+
+
+@dataclass(frozen=True)
+class RawImage:
+    """A raw image of which windows are read, with NaN for ``nodata`` and beyond its border."""
+
+    pixels: Pixels
+    nodata: float | None = None
+
+    @property
+    def size_px(self) -> tuple[int, int]:
+        return self.pixels.size
+
+    def window(self, column: int, row: int, columns: int, rows: int) -> Array:
+        """Values (rows, columns); NaN beyond the image and where there is no data."""
+        cut = np.full((rows, columns), np.nan)
+        width, height = self.pixels.size
+        left, top = max(column, 0), max(row, 0)
+        right, bottom = min(column + columns, width), min(row + rows, height)
+        if right > left and bottom > top:
+            values = self.pixels.cells(left, top, right - left, bottom - top)
+            if self.nodata is not None:
+                values[values == self.nodata] = np.nan
+            cut[top - row : bottom - row, left - column : right - column] = values
+        return cut

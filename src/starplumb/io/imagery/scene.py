@@ -1,0 +1,67 @@
+"""What [imagery] and [reference] name, opened: the raw image of each image of a campaign, orthoimage and heights."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from ...imagery.scene import Scene
+from ...physics.errors import InputError
+from ...table.campaign import Campaign
+from ..text.files import show
+from .config import IMAGE_ID, ImageryConfig, ReferenceConfig
+from .ortho import Ortho, Tile
+from .rasters import RawImage, open_pixels
+from .relief import read_relief
+
+
+def raw_paths(campaign: Campaign, folder: Path, imagery: ImageryConfig) -> list[Path]:
+    """The file of the raw image of each image."""
+    return [folder / imagery.files.replace(IMAGE_ID, name) for name in campaign.images.ids]
+
+
+def reference_paths(settings: str, folder: Path, reference: ReferenceConfig) -> list[Path]:
+    """The tiles that names and patterns give; raises InputError for one that gives none."""
+    return [path for name in reference.files for path in _matching(settings, folder, name)]
+
+
+def _matching(settings: str, folder: Path, name: str) -> Iterator[Path]:
+    if not set(name) & set("*?["):
+        yield folder / name
+        return
+    beside = (".pgw", ".pngw", ".wld", ".tfw", ".xml", ".ovr", ".prj")
+    try:
+        found = [p for p in sorted(folder.glob(name)) if p.is_file() and p.suffix.lower() not in beside]
+    except (ValueError, NotImplementedError):  # an absolute pattern
+        found = []
+    if not found:
+        raise InputError(f"{settings}: reference.files: found no file for {show(name)}, wanted at least one")
+    yield from found
+
+
+def open_scene(
+    settings: str, campaign: Campaign, folder: Path, imagery: ImageryConfig, reference: ReferenceConfig
+) -> Scene:
+    """The scene of a campaign.  Raises InputError, one sentence, for the first file that cannot be used."""
+    raws = [_raw(path, campaign, imagery) for path in raw_paths(campaign, folder, imagery)]
+    paths = reference_paths(settings, folder, reference)
+    tiles = [Tile.of(open_pixels(path, reference.band), reference.crs, reference.nodata) for path in paths]
+    geoid = None if reference.geoid is None else folder / reference.geoid
+    relief = read_relief(folder / reference.dem, reference.crs, reference.heights, geoid)
+    return Scene(campaign, raws, Ortho(tiles), relief.at, relief.step_m, imagery.saturation_dn)
+
+
+def _raw(path: Path, campaign: Campaign, imagery: ImageryConfig) -> RawImage:
+    """A raw image whose size is the camera's; a scanner's may have any number of rows."""
+    pixels = open_pixels(path, imagery.band)
+    columns, rows = pixels.size
+    wanted = campaign.camera.size_px
+    if columns != wanted[0] or (not campaign.camera.scans and rows != wanted[1]):
+        size = f"{wanted[0]:g} x {wanted[1]:g}" if np.isfinite(wanted[1]) else f"{wanted[0]:g} columns"
+        hint = ": is it transposed?" if [rows, columns] == list(wanted) else ""
+        raise InputError(
+            f"{path}: found {columns} x {rows} pixels, wanted {size} as camera.image_size_px says{hint}"
+        )
+    return RawImage(pixels, imagery.nodata)

@@ -1,0 +1,236 @@
+"""From raw images and a reference to a campaign that can be calibrated."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...imagery.chain import MeasuredImage, Wanted, measure_images
+from ...imagery.scene import Scene
+from ...io.campaign.files import names_of
+from ...io.campaign.read import LoadedImages, load_images
+from ...io.imagery.scene import open_scene, raw_paths, reference_paths
+from ...io.imagery.tables import Marks, campaign_text
+from ...io.text.files import fingerprint, read_text
+from ...physics.errors import InputError
+from ...table.geometry import position_covariance, stations
+from ..arguments import Folder, checked
+from ..show import Shown
+
+if TYPE_CHECKING:
+    from ...report.page import Table
+
+Array = NDArray[np.float64]
+Watch = Callable[[Iterable[MeasuredImage], int], Iterable[MeasuredImage]]
+"""Passes images on as they come, and shows how many of how many there are."""
+
+MEASURE = "measure.json"
+FILES = ("campaign.toml", "landmarks.csv", "observations.csv", "measure.html")
+"""Files beside measure.json: those that a new measurement does not write are removed."""
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class Measurement(Shown):
+    """What :func:`starplumb.measure` found: ``document`` is ``measure.json``; ``save`` writes it and the campaign."""
+
+    made_by: ClassVar[str] = "measure"
+
+    path: Path
+    loaded: LoadedImages
+    scene: Scene
+    images: tuple[MeasuredImage, ...]
+
+    @property
+    def acquired(self) -> int:
+        """How many images were measured."""
+        return sum(not image.reason for image in self.images)
+
+    @property
+    def usable(self) -> bool:
+        """Whether any image, and at least half of them, were measured."""
+        return self.acquired > 0 and 2 * self.acquired >= len(self.images)
+
+    @property
+    def message(self) -> str:
+        """What should be known of the images that were left out."""
+        if self.acquired == len(self.images):
+            return ""
+        of = f"{self.acquired} of {len(self.images)} images could be measured"
+        first = next(image for image in self.images if image.reason)
+        return f"{of}; {self._name(first)}: {first.reason}"
+
+    @cached_property
+    def floor_px(self) -> float:
+        """What is added to the sigmas of matching: the scatter of chips beyond them and the reference's own error."""
+        measured = [image for image in self.images if not image.reason]
+        if not measured:
+            return 0.0
+        size = np.median([self._pixel_m(image) for image in measured])
+        floor = float(np.sqrt(np.mean([image.floor_px**2 for image in measured])))
+        reference = float(np.hypot(*self._reference.sigma_m[:2])) / np.sqrt(2.0) / size
+        return float(np.sqrt(max(floor**2 - reference**2, 0.0)))
+
+    @cached_property
+    def document(self) -> dict[str, Any]:
+        """``measure.json``."""
+        from ...documents.imagery.from_measurement import measure_document
+
+        return measure_document(self)
+
+    @property
+    def tables(self) -> Sequence[Table]:
+        """The images with their chips by verdict."""
+        from ...report.page import Table
+
+        rows = []
+        for image in self.images:
+            verdicts = [str(chip.candidate.verdict) for chip in image.chips]
+            refused = sorted({v for v in verdicts if v != "used"})
+            why = ", ".join(f"{verdicts.count(v)} {v}" for v in refused)
+            used = f"{verdicts.count('used')} of {len(verdicts)}"
+            rows.append((self._name(image), "left out" if image.reason else "measured", used, why))
+        head = ("image", "", "chips used", "others")
+        return [Table(f"Images of {self.loaded.campaign.name}", head, rows, text_columns=4)]
+
+    @property
+    def sentences(self) -> Sequence[str]:
+        out = [f"{self._name(image)} left out: {image.reason}" for image in self.images if image.reason]
+        used = sum(len(image.used) for image in self.images if not image.reason)
+        what = f"{used} chips of {self.acquired} of {len(self.images)} images measured"
+        if self.floor_px > 0.0:
+            what += f"; {self.floor_px:.3f} px added to their sigmas for what they scatter beyond them"
+        return [*out, what]
+
+    @property
+    def marks(self) -> Marks:
+        """The chips used, of the images that were measured."""
+        used = [(image, c) for image in self.images if not image.reason for c in image.used]
+        extra = self.floor_px**2 * np.eye(2)
+        return Marks(
+            [self._name(image) for image, _ in used],
+            [landmark_id(self._name(image), c.number) for image, c in used],
+            np.array([c.p_J for _, c in used], dtype=np.float64).reshape(-1, 3),
+            np.array([c.pixel for _, c in used]).reshape(-1, 2) + self.loaded.shift_px,
+            np.array([c.covariance for _, c in used]).reshape(-1, 2, 2) + extra,
+            np.array([c.check for _, c in used], dtype=np.bool_),
+        )
+
+    @checked
+    def save(self, folder: Folder, report: bool = True) -> None:
+        """Write ``measure.json``, the page ``measure.html`` and, where images were measured, ``landmarks.csv``,
+        ``observations.csv`` and ``campaign.toml``, which names them.
+
+        Raises InputError where the folder cannot be written to, or holds what is no earlier measurement.
+        """
+        from ...disk.publish import Content, publish
+        from ...io.text.write import marked
+
+        out = Path(folder)
+        files: dict[str, Content] = {}
+        if self.acquired:
+            marks, names = self.marks, names_of(self.loaded.config)
+            length = self._reference.correlation_length_m
+            files = {
+                "landmarks.csv": marks.landmarks(self._reference.sigma_m),
+                "observations.csv": marks.observations(),
+                "campaign.toml": campaign_text(read_text(self.path), self.loaded.folder, out, names, length),
+            }
+        if report:
+            files["measure.html"] = self.report()
+        mark = marked(MEASURE, self.document)
+        publish(out, files, instead_of=FILES, mark=mark, inputs=self.loaded.sources)
+
+    def report(self) -> str:
+        """The page ``measure.html``: every chip for the eye."""
+        from ...report.imagery.measurement import measurement_page
+
+        chips = [chip for image in self.images for chip in image.chips]
+        return measurement_page(self.document, [chip.picture for chip in chips if chip.picture is not None])
+
+    def _name(self, image: MeasuredImage) -> str:
+        return self.loaded.campaign.images.ids[image.image]
+
+    @property
+    def _reference(self) -> Any:
+        return self.loaded.config.reference
+
+    def _pixel_m(self, image: MeasuredImage) -> float:
+        size = self.scene.raws[image.image].size_px
+        return self.scene.pixel_m(image.C_EK, image.image, 0.5 * np.array(size, dtype=np.float64))
+
+
+def require_place(folder: Path, campaign: Path) -> None:
+    """Raise InputError before the work where a measurement of a campaign could not be written into a folder."""
+    from ...disk.owned import require_replaceable
+    from ...documents.imagery.measure import MeasureDocument
+
+    require_replaceable(folder, [*FILES, MEASURE], [campaign], (MEASURE, MeasureDocument.kind()))
+
+
+def landmark_id(image_id: str, number: int) -> str:
+    """The id of the landmark of a chip, which no other image has."""
+    return f"{image_id}-{number:03d}"
+
+
+@checked
+def measure(path: str | Path) -> Measurement:
+    """Measure the raw images of a ``campaign.toml`` on its reference.
+
+    The campaign has the sections [imagery] and [reference], and ``mounting.sigma_arcsec``, which says how far to
+    search; it needs neither [landmarks] nor [observations].  Raises InputError, one sentence, for the first file that
+    cannot be used.
+    """
+    return measure_watched(Path(path), lambda images, _total: images)
+
+
+def measure_watched(path: Path, watch: Watch) -> Measurement:
+    """The same, each image passing ``watch`` as it is done."""
+    loaded = load_images(path)
+    config = loaded.config
+    if config.imagery is None or config.reference is None:
+        lacks = "imagery" if config.imagery is None else "reference"
+        raise InputError(f"{path}: {lacks}: missing, wanted the section [{lacks}] with files")
+    prior_E = loaded.campaign.prior_E
+    if prior_E is None:
+        raise InputError(
+            f"{path}: mounting.sigma_arcsec: missing, wanted the error that the model mounting may have: "
+            "it says how far to search"
+        )
+    scene = open_scene(str(path), loaded.campaign, loaded.folder, config.imagery, config.reference)
+    raws = raw_paths(loaded.campaign, loaded.folder, config.imagery)
+    tiles = reference_paths(str(path), loaded.folder, config.reference)
+    further = [*raws, *tiles, loaded.folder / config.reference.dem]
+    if config.reference.geoid is not None:
+        further.append(loaded.folder / config.reference.geoid)
+    loaded = replace(
+        loaded,
+        inputs=loaded.inputs | {_relative(each, loaded.folder): fingerprint(each) for each in further},
+        sources=(*loaded.sources, *further),
+    )
+    wanted = Wanted(config.measure.chip_px, config.measure.grid, config.measure.check_share)
+    images = measure_images(scene, prior_E, _own(loaded), wanted)
+    return Measurement(path, loaded, scene, tuple(watch(images, len(raws))))
+
+
+def _relative(path: Path, folder: Path) -> str:
+    return path.relative_to(folder).as_posix() if path.is_relative_to(folder) else path.as_posix()
+
+
+def _own(loaded: LoadedImages) -> Array:
+    """Covariance (3, 3) rad^2 about E's axes of what moves each image by itself: attitude and position, at worst."""
+    campaign = loaded.campaign
+    m = len(campaign.images.ids)
+    attitude = np.broadcast_to(campaign.cov_attitude_E, (m, 3, 3)).max(axis=0)
+    station = stations(campaign, np.arange(m), np.zeros(m))
+    distance = np.linalg.norm(station.r_J, axis=-1) - _EARTH_RADIUS_M
+    position = np.sqrt(np.linalg.eigvalsh(position_covariance(campaign))[:, -1]) / distance
+    return np.diag(np.diagonal(attitude)) + float(np.max(position)) ** 2 * np.eye(3)
+
+
+_EARTH_RADIUS_M = 6.371e6
