@@ -146,7 +146,7 @@ WRITING = {
     "archive issue": [of_an_archive("mounting.tf", "issue", "--reason", "x")],
 }
 READING = {"check", "diagnose", "predict", "schema", "archive list", "archive show", "archive verify"}
-ADDING = {"archive add", "archive event", "archive merge", "archive withdraw"}
+ADDING = {"archive add", "archive event", "archive merge", "archive rerun", "archive withdraw"}
 """They change the archive that they are given, and write nothing else."""
 OUTPUTS = {"out", "grid", "into"}
 
