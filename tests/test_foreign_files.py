@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import threading
 from http.server import BaseHTTPRequestHandler, HTTPServer
@@ -11,6 +12,9 @@ import pytest
 
 from bad_cases import OEM
 from command import demo, starplumb
+from helpers import FILES, write_good_campaign
+from starplumb.documents.result import ResultDocument
+from starplumb.io.campaign.read import load_campaign
 from starplumb.io.formats.oem import read_oem
 from starplumb.io.formats.registry import ATTITUDES, ORBITS, Asked, recognised
 from starplumb.io.formats.sp3 import read_sp3
@@ -249,3 +253,53 @@ def test_arrow_files_that_lie_about_their_memory_are_refused(tmp_path):
 
 def test_letters_that_a_terminal_acts_upon_are_escaped():
     assert str(InputError("a\x1b[31m\nb.csv: found \x00")) == "a\\x1b[31m\\nb.csv: found \\x00"
+
+
+def test_numbers_of_thousands_of_digits_are_none(tmp_path):
+    """Python itself gives up on them, with an error of its own."""
+    many = "1" * 5000
+    cases = {
+        "a.obx": ORBEX.replace("00 18.000000000000", f"{many} 18.0"),
+        "a.oem": OEM.replace("7058.137", many, 1),
+        "a.e": STK_ORBIT.replace("7058.137", many, 1),
+        "b.e": STK_ORBIT.replace("4.0 7058.137", f"{many} 7058.137"),
+    }
+    for name, text in cases.items():
+        (tmp_path / name).write_text(text)
+        with pytest.raises(InputError, match=rf"{name}, line \d+: found ") as error:
+            read_whatever(tmp_path / name)
+        assert len(str(error.value)) < 400
+
+
+def test_a_result_of_numbers_that_no_quantity_has_is_not_believed(shared_cases, tmp_path):
+    good = json.loads((shared_cases / "files" / "result-cov-nan.json").read_text().replace("NaN", "1"))
+    good["mounting"]["matrix"][0][0] = 1e200
+    with pytest.raises(InputError, match=r"matrix\.0\.0: found 1e\+200|a number that no quantity has"):
+        ResultDocument.from_json(json.dumps(good), "result.json")
+
+
+@pytest.mark.parametrize(
+    "key", ["focal_length_mm = 2200.0", "sigma_m = 3.0", "sigma_arcsec = [5.0, 5.0, 12.0]"]
+)
+@pytest.mark.parametrize("value", ["1e200", "1e-300", "-1.0", "1e80"])
+def test_extreme_values_of_a_campaign_meet_bounds(tmp_path, key, value):
+    name = key.split(" ")[0]
+    path = write_good_campaign(tmp_path, campaign=FILES["campaign.toml"].replace(key, f"{name} = {value}"))
+    with pytest.raises(InputError, match=rf"{name}: found .*, wanted .*e.*") as error:
+        load_campaign(path)
+    assert str(error.value).isprintable()
+
+
+@pytest.mark.parametrize(
+    "options", [("--sigma-px", "inf"), ("--sigma-height-m", "1e300"), ("--height-m", "1e9")]
+)
+def test_extreme_options_are_refused(tmp_path, options):
+    campaign = demo(tmp_path / "demo", "--images", 1)
+    done = starplumb("locate", campaign, 1, 1, "--image", "image01", *options)
+    one_sentence(done, f"{options[0]}: found ")
+
+
+def test_more_trials_than_anyone_computes_are_refused_at_once():
+    done = starplumb("simulate", "cubesat-6u", "--trials", 10**18)
+    assert done.status == 2
+    assert "--trials" in done.err

@@ -7,10 +7,11 @@ from collections.abc import Mapping
 from typing import Annotated, Any, Self, get_args
 
 from annotated_types import Len
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
 from ..io.text.files import show
 from ..io.text.json_node import unique
+from ..io.text.numbers import MOST_FINITE
 from ..io.text.write import json_text
 from ..physics.errors import InputError
 
@@ -19,9 +20,19 @@ MOST_PROBLEMS = 3
 
 Files = dict[str, str] | None
 """The other files of the set that a document is the mark of, each with its SHA-256; none in a printed document."""
-Number = float | None
+
+
+def _countable(value: float) -> float:
+    if not abs(value) < MOST_FINITE:
+        raise ValueError("a number that no quantity has")
+    return value
+
+
+Finite = Annotated[float, AfterValidator(_countable)]
+"""A number whose square a double holds."""
+Number = Finite | None
 """A number, or null where none can be stated."""
-Triple = Annotated[list[float], Len(3, 3)]
+Triple = Annotated[list[Finite], Len(3, 3)]
 Numbers3 = Annotated[list[Number], Len(3, 3)]
 """About x, y, z of the star tracker."""
 Matrix3 = Annotated[list[Triple], Len(3, 3)]

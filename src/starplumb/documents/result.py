@@ -11,7 +11,7 @@ from pydantic import AfterValidator, Field, model_validator
 from ..estimators.protocol import Status
 from ..physics import so3
 from ..physics.units import ARCSEC
-from .document import Document, Files, Matrix3, MatrixOrNulls3, Number, Numbers3, Part
+from .document import Document, Files, Finite, Matrix3, MatrixOrNulls3, Number, Numbers3, Part
 from .motion import MotionPart, OrbitPart, Span
 
 ROTATION = 1e-6
@@ -28,7 +28,7 @@ class Mounting(Part):
     from_: str = Field(alias="from")
     to: str
     matrix: Matrix3
-    quaternion_xyzw: Annotated[list[float], Field(min_length=4, max_length=4)]
+    quaternion_xyzw: Annotated[list[Finite], Field(min_length=4, max_length=4)]
 
 
 class Fit(Part):

@@ -110,13 +110,15 @@ def quiet_gdal() -> Iterator[None]:
     from rasterio import Env
 
     keep_quiet("rasterio")
-    said, sys.unraisablehook = sys.unraisablehook, lambda _: None  # where its lines are no UTF-8
+    # by both, Cython prints that a line of GDAL's is no UTF-8
+    hooks = sys.unraisablehook, sys.excepthook
+    sys.unraisablehook, sys.excepthook = (lambda _: None), (lambda *_: None)
     try:
         with Env(), catch_warnings():
             simplefilter("ignore")
             yield
     finally:
-        sys.unraisablehook = said
+        sys.unraisablehook, sys.excepthook = hooks
 
 
 def _require_own_files(path: Path, files: Sequence[str]) -> None:

@@ -54,9 +54,15 @@ def _extent(value: object) -> tuple[float, ...]:
     return vector(2, "one positive number or two", lambda x: x > 0.0)(items)
 
 
+_HEIGHT_WORDS = "a height in metres, or the lowest and the highest, -1000 to 9500"
+
+
 def _heights(value: object) -> tuple[float, ...]:
     items = value if isinstance(value, list | tuple) else [value, value]
-    return vector(2, "a height in metres, or the lowest and the highest")(items)
+    heights = vector(2, _HEIGHT_WORDS, lambda x: -1000.0 <= x <= 9500.0)(items)
+    if heights[0] > heights[1]:
+        raise wrong(value, _HEIGHT_WORDS)
+    return heights
 
 
 _OneOrTwo = float | tuple[float, float]

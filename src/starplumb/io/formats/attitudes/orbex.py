@@ -23,7 +23,9 @@ from ..quaternions import unit
 from ..series_tables import AttitudeTable
 
 _FRAMES: dict[str, EarthFrame] = {"ECEF": "ITRF", "ECI": "GCRF"}
-_EPOCH = re.compile(r"##\s+(\d{4})\s+(\d+)\s+(\d+)\s+(\d+)\s+(\d+)\s+(\d+)(\.\d*)?(\s+\d+)?\s*")
+_EPOCH = re.compile(
+    r"##\s+(\d{4})\s+(\d{1,2})\s+(\d{1,2})\s+(\d{1,2})\s+(\d{1,2})\s+(\d{1,2})(\.\d*)?(\s+\d+)?\s*"
+)
 
 
 @dataclass

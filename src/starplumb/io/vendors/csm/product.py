@@ -80,13 +80,21 @@ def _read(path: Path) -> CsmModel:
     return read_state(node, name)
 
 
+_MOST_S = 6e9
+"""Of seconds since 2000, which nanoseconds can count."""
+
+
 class _Clock:
     """Epochs (n,) of a model's seconds (n,)."""
 
     def __init__(self, model: CsmModel) -> None:
-        self._dated = model.dated
+        self._dated, self._path = model.dated, model.path
 
     def __call__(self, seconds: Array) -> EpochArray:
+        if not (np.abs(seconds) < _MOST_S).all():
+            raise InputError(
+                f"{self._path}: found times centuries away, wanted seconds of an image of the Earth"
+            )
         if self._dated:
             return t_ns_of_tdb(np.asarray(seconds))
         return np.rint(1e9 * np.asarray(seconds)).astype(np.int64)
