@@ -56,14 +56,15 @@ from ..table.seen import ImageErrors
 from .compiled import compiled
 from .whitening import inverse_root, least
 
-XY, SLOPE, E_E, ROW_RATE, C_EJ, RANGE, NOISE, WEIGHT, COVARIANCE = 2, 6, LENS_ROWS, 13, 16, 25, 26, 29, 30
+XY, SLOPE, E_E, ROW_RATE, C_EJ, RANGE, NOISE, WEIGHT, COVARIANCE = 2, 6, LENS_ROWS, 13, 16, 25, 26, 30, 31
 """First rows of what was measured: tangents (2), slope (4), direction (3), its rate (3), attitude (9), range, the
-covariance of column and row (3), weight, and the landmark's covariance xx, xy, xz, yy, yz, zz in J."""
-OWN = 36
+covariance of column and row (3) with what it leaves of the row where the column is known, weight, and the landmark's
+covariance xx, xy, xz, yy, yz, zz in J."""
+OWN = 37
 """First row of the errors of the sighting's image about which it is linearised: attitude (3) and position (3)."""
-WHITENING, PER_RAD, COLUMN, ROW = 42, 45, 49, 64
+WHITENING, PER_RAD, COLUMN, ROW = 43, 46, 50, 65
 """First rows of what is made of them: L^-1 (3, lower), L^-1 B^-1 (4), and z, H, R, E (15) of the column, of the row."""
-ROWS = 79
+ROWS = 80
 LENS = 7
 """Where E begins behind z, H and R."""
 
@@ -94,9 +95,9 @@ def whitened_design(W: Array, at: Any, C_EK: Nine) -> None:
     closeness = 1.0 / W[RANGE, at]
     R_x = by_position(gradient(T[0], T[1], P_x, P_y), C, closeness)
     R_y = by_position(gradient(T[2], T[3], P_x, P_y), C, closeness)
-    a, b, c = three(W, NOISE, at)
+    a, b, c, smallest = four(W, NOISE, at)
     L = inverse_root(
-        quadratic(R_x, S, R_x) + a, quadratic(R_x, S, R_y) + b, quadratic(R_y, S, R_y) + c, least(a, b, c)
+        quadratic(R_x, S, R_x) + a, quadratic(R_x, S, R_y) + b, quadratic(R_y, S, R_y) + c, smallest
     )
     strength = root(W[WEIGHT, at])
     p, q, r = strength * L[0], strength * L[1], strength * L[2]
@@ -193,7 +194,12 @@ def load(
     W[ROW_RATE : ROW_RATE + 3] = o.row_rate_E[rows].mT
     W[C_EJ : C_EJ + 9].reshape(3, 3, -1)[...] = o.C_EJ[rows].transpose(1, 2, 0)
     W[RANGE], W[WEIGHT] = o.range_m[rows], o.weight[rows]
-    W[NOISE : NOISE + 3] = pixel_entries(o.sigma_px[rows], None if o.ellipse is None else o.ellipse[rows])
+    if o.ellipse is None:
+        W[NOISE] = W[NOISE + 2] = W[NOISE + 3] = o.sigma_px[rows] ** 2
+        W[NOISE + 1] = 0.0
+    else:
+        entries = pixel_entries(o.sigma_px[rows], o.ellipse[rows])
+        W[NOISE : NOISE + 4] = (*entries, least(*entries))
     covariance = o.cov_landmark_J[o.landmark[rows]]
     for place, (i, j) in enumerate(UPPER):
         W[COVARIANCE + place] = covariance[:, i, j]
