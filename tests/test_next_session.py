@@ -10,6 +10,8 @@ from scipy import stats
 
 from problems import C_EK_TRUE, FRAME, truth
 from starplumb.documents.from_calibration import result_document
+from starplumb.documents.prediction import predicted
+from starplumb.documents.result import ResultDocument
 from starplumb.estimators.gls import Gls
 from starplumb.judge.calibrate import calibrate
 from starplumb.judge.scatter.from_data import FromData, from_data
@@ -109,3 +111,17 @@ def test_result_and_report_have_it_where_there_are_passes(rng, passes):
     half = np.array(document["next_session"]["interval_95_arcsec"])
     assert document["next_session"]["groups"] == 2
     assert np.all(half >= done.interval_95_E / ARCSEC * (1.0 - 1e-9))
+
+
+def test_a_prediction_outside_the_span_holds_what_a_further_session_adds(rng):
+    """Just after the last image nothing else has grown: the variance is that of the interval of the next session."""
+    campaign = truth(FRAME, 8, 6)
+    measured = scene.measured(campaign, Errors.draw(observe(campaign), rng), C_EK_TRUE)
+    own, images = SharedErrors("image"), replace(measured.images, passes=tuple("aaaabbbb"))
+    done = calibrate(replace(measured, attitude_errors=own, position_errors=own, images=images), Gls())
+    document = ResultDocument.of(result_document(done, "gls", ("camera", "st"), {}, {}))
+    last = int(images.t_ns[-1])
+    inside, outside = predicted(document, last), predicted(document, last + 10_000)
+    np.testing.assert_allclose(inside.covariance_E, done.covariance_E, rtol=1e-6)
+    half = ARCSEC * np.array(document.next_session.interval_95_arcsec)
+    np.testing.assert_allclose(1.96 * np.sqrt(np.diagonal(outside.covariance_E)), half, rtol=1e-6)

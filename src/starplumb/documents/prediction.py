@@ -72,8 +72,8 @@ def predicted(
     """The mounting of a usable result at an epoch; ``u`` rad is the argument of latitude, by default from the result's
     own ``orbit``.
 
-    Outside the span of the images the covariance grows by the steady change that they leave possible, as the square of
-    the time beyond it over the span.
+    Outside the span of the images the covariance holds what a further session adds, where the result tells that, and
+    grows by the steady change that they leave possible, as the square of the time beyond it over the span.
     """
     outside_s, span_s = _outside(document, t_ns)
     known = document.covariance_E
@@ -88,6 +88,7 @@ def predicted(
     known = known + _widening(document)
     if outside_s > 0.0:
         steady = model is not None and "linear" in model.columns
+        known = known + _further(document, known)
         known = known + (outside_s / span_s) ** 2 * _unseen(document, known) * (not steady)
         notices.append(
             f"{outside_s / 86400.0:.3g} d outside the span of the images: the covariance is larger by what they leave "
@@ -109,6 +110,14 @@ def _outside(document: ResultDocument, t_ns: int) -> tuple[float, float]:
 def _unseen(document: ResultDocument, known: Array) -> Array:
     stated = None if document.motion is None else document.motion.unseen_drift_arcsec2
     return EVEN * known if stated is None else ARCSEC**2 * np.array(stated)
+
+
+def _further(document: ResultDocument, known: Array) -> Array:
+    """What the interval at a further session has beyond a covariance (3, 3), as one."""
+    if document.next_session is None:
+        return np.zeros((3, 3))
+    half = ARCSEC * np.array(document.next_session.interval_95_arcsec, dtype=np.float64)
+    return np.diag(np.maximum((half / NORMAL_95) ** 2 - np.diagonal(known), 0.0))
 
 
 def _widening(document: ResultDocument) -> Array:
