@@ -12,7 +12,14 @@ from problems import C_EK_TRUE, FRAME, truth
 from starplumb.documents.from_calibration import result_document
 from starplumb.estimators.gls import Gls
 from starplumb.judge import calibrate as judge
-from starplumb.judge.scatter.from_data import SIGHTINGS, FromData, SourceFound, from_data, levels_of
+from starplumb.judge.scatter.from_data import (
+    SIGHTINGS,
+    FromData,
+    SourceFound,
+    components,
+    from_data,
+    levels_of,
+)
 from starplumb.judge.scatter.rotations import ImageRotations, image_rotations
 from starplumb.judge.scatter.sources import findings_of_sources
 from starplumb.judge.scatter.variances import (
@@ -366,3 +373,19 @@ def test_a_source_that_is_not_seen_has_a_bounded_interval(rng):
     about = next(s for s in found.sources if s.kind == "about")
     assert about.ratio == pytest.approx(np.sqrt(1e-3), rel=0.1)
     assert about.interval[0] < about.ratio < about.interval[1] < 100.0 * about.ratio
+
+
+def test_the_sightings_have_the_unit_of_the_table(rng):
+    found = from_data(rotations(rng.normal(size=(8, 3)) * SIGMA), np.eye(3), SIGMA / np.sqrt(8))
+    own = next(s for s in found.sources if s.kind == SIGHTINGS)
+    assert (own.unit, own.stated) == ("px", 0.1)
+
+
+@pytest.mark.parametrize(("weak", "axis"), [(4.0, [0.0, 1.0, 0.0]), (1.2, [1.0, 0.0, 0.0])])
+def test_the_weak_axis_is_the_tracker_s_not_the_camera_s(rng, weak, axis):
+    """The tracker is worst about y and the camera looks along x: about y, unless y hardly stands out."""
+    C_EK = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    images = rotations(rng.normal(size=(8, 3)) * SIGMA, np.sqrt([1.0, weak, 1.0]))
+    about = next(c for c in components(images, C_EK, {}) if c.name == "about")
+    variances_of = np.linalg.eigh(about.own[0])
+    np.testing.assert_allclose(np.abs(variances_of[1][:, 2]), axis, atol=1e-9)

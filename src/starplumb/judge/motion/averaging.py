@@ -29,8 +29,6 @@ FREE = 1e3
 """Standard deviation of the constant beforehand, in the same unit, over the largest amplitude."""
 SHRUNK = 4
 """Harmonics of the model whose amplitudes fall as 1/k."""
-CONSTANT = 2.0
-"""Weight of the constant beforehand, that of each other kind of model being 1."""
 NEGLIGIBLE = 1e-4
 """Weight of a model below which it is left out."""
 
@@ -95,8 +93,7 @@ def averaged(
         good = [i for i, one in enumerate(F) if not sets[i] or told_apart(one)]
         if good:
             chosen = [sets[i] for i in good]
-            weight = (CONSTANT if not sets[0] else 1.0) / len(good)
-            parts += _fitted(sums, np.stack([F[i] for i in good]), chosen, kind, weight, unit)
+            parts += _fitted(sums, np.stack([F[i] for i in good]), chosen, kind, 1.0 / len(good), unit)
     return _collapsed(parts, scales)
 
 
