@@ -31,7 +31,7 @@ LEAST_KEPT = 0.2
 """Parts of a chip's pixels that must agree at first, and bear weight in the end."""
 LEAST_AGREEMENT = 0.5
 """Weighted correlation of window and template that a match must have."""
-MOST_SIGMA_PX = 0.5
+MOST_SIGMA_PX = 0.25
 FULL = 0.1
 """Part of a chip's pixels that may be saturated."""
 MISSING = 0.3
@@ -97,7 +97,7 @@ def _chip(
     away = tuple(float(x) for x in best.shift)
     picture = replace(picture, surface=surface.astype(np.float32), peak=(away[0], away[1]))
     candidate = replace(candidate, peak=best.height, second=best.second)
-    found, reason = _matched(piece, window, candidate.pixel)
+    found, reason = matched(piece, window)
     if found is None:
         verdict = Verdict.NO_MATCH
         if reason == _UNLIKE:
@@ -136,8 +136,8 @@ def _sampled(piece: Piece, size: int) -> Array:
     return piece.samples[np.ix_(rows, rows)]
 
 
-def _matched(piece: Piece, window: Array, middle: Array) -> tuple[Match | None, str]:
-    """The match of a window with a rim; its place counts from the window's first pixel inside the rim."""
+def matched(piece: Piece, window: Array) -> tuple[Match | None, str]:
+    """The match of a window with a rim, or why there is none; its place counts from the first pixel inside the rim."""
     known = np.isfinite(piece.samples)
     level = float(np.mean(piece.samples[known]))
     template = Template(np.where(known, piece.samples, level), STEP_PX)
