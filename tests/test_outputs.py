@@ -10,11 +10,15 @@ import time
 from pathlib import Path
 from shutil import copytree
 
+import numpy as np
 import pytest
 
 from command import Spoken, demo, starplumb
+from starplumb.disk.publish import publish
+from starplumb.io.gis.geopackage import write_residuals
 from starplumb.io.text.files import trouble
 from starplumb.io.text.visible import visible
+from starplumb.physics.errors import InputError
 from starplumb.report.svg import drawing, standalone
 from test_docs import COMMANDS
 from test_pinhole import image, tsai
@@ -287,3 +291,17 @@ def test_a_study_that_is_asked_to_stop_keeps_its_chunks(tmp_path, name):
     assert f"starplumb: {64 * finished} of 2000000 trials are finished and kept in s/chunks" in kept
     assert interrupted == f"starplumb: interrupted ({'Ctrl-C' if name == 'SIGINT' else name})"
     assert not list(tmp_path.rglob(".*"))
+
+
+def test_what_a_library_says_of_a_full_disk_is_a_sentence(tmp_path, monkeypatch):
+    pyogrio = pytest.importorskip("pyogrio")
+
+    def full(path, **keywords):
+        path.write_bytes(b"half")
+        raise pyogrio.errors.FeatureError(f"{path}: sqlite3_exec(INSERT) failed")
+
+    monkeypatch.setattr(pyogrio.raw, "write", full)
+    place = np.zeros(1)
+    with pytest.raises(InputError, match=r"found no way to write there \(map\.gpkg: sqlite3_exec"):
+        publish(tmp_path, {"map.gpkg": lambda path: write_residuals(path, place, place, ["a"], [place])})
+    assert list(tmp_path.iterdir()) == []

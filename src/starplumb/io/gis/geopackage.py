@@ -11,12 +11,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...disk.staging import require_room
 from ...physics.errors import InputError
 from ..text.write import Column
 
 Array = NDArray[np.float64]
 
 LAYER = "residuals"
+_TABLES, _ROW = 1 << 17, 1 << 10
+"""Bytes that the tables and a row need, and some more: what the library says of a full disk nobody understands."""
+_REASON = 80
+"""So much of its own words is repeated."""
 _NO_DATE = "1970-01-01T00:00:00.000Z"
 """What stands for the time of writing, so that the same input gives the same file."""
 
@@ -40,8 +45,8 @@ def write_residuals(
     """
     require_pyogrio(path)
     from pyogrio import raw, set_gdal_config_options
-    from pyogrio.errors import DataSourceError
 
+    require_room(path, _TABLES + _ROW * len(latitude_deg))
     points = [struct.pack("<BIdd", 1, 1, x, y) for x, y in zip(longitude_deg, latitude_deg, strict=True)]
     set_gdal_config_options({"OGR_CURRENT_DATE": _NO_DATE})
     try:
@@ -55,8 +60,8 @@ def write_residuals(
             geometry_type="Point",
             crs="EPSG:4326",
         )
-    except DataSourceError as error:
-        raise OSError(" ".join(str(error).replace(str(path), path.name).split())) from None
+    except RuntimeError as error:  # of which all of pyogrio's are kinds
+        raise OSError(" ".join(str(error).replace(str(path), path.name).split())[:_REASON]) from None
     finally:
         set_gdal_config_options({"OGR_CURRENT_DATE": None})
 
