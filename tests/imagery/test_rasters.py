@@ -30,6 +30,9 @@ def test_windows_of_a_png_are_its_values_and_beyond_it_there_is_nothing(tmp_path
     assert np.isnan(beyond[:, :2]).all()
     assert np.isnan(beyond[5:]).all()
     np.testing.assert_array_equal(beyond[:5, 2:], expected[25:, :3])
+    above = raw.window(3, -4, 4, 6)
+    assert np.isnan(above[:4]).all()
+    np.testing.assert_array_equal(above[4:], expected[:2, 3:7])
     assert np.isnan(raw.window(100, 100, 3, 3)).all()
 
 
