@@ -9,8 +9,10 @@ import signal
 import subprocess
 import sys
 import time
+from concurrent.futures import CancelledError
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -423,3 +425,43 @@ def test_a_spoilt_manifest_is_refused(two_images, tmp_path, text):
     (tmp_path / "study.json").write_bytes(text.encode("utf-8", "surrogatepass"))
     with pytest.raises(InputError, match=r"study\.json: found it damaged"):
         Store.open(tmp_path, Study(two_images, {"gls": Gls()}, 5, 20, 20))
+
+
+def test_a_scheduler_that_dies_is_one_sentence_and_chunks_are_kept(two_images, tmp_path, monkeypatch):
+    class Dying:
+        def __init__(self, address, timeout):
+            self.left = 2
+
+        def __enter__(self):
+            return self
+
+        def __exit__(self, *error):
+            return None
+
+        def scatter(self, study, broadcast):
+            return study
+
+        def nthreads(self):
+            return {"one": 1}
+
+        def submit(self, function, study, c, **keywords):
+            self.left -= 1
+            if self.left < 0:
+                raise OSError("Timed out trying to connect")
+            return Future(lambda: function(study, c))
+
+    class Future:
+        def __init__(self, result):
+            self.result = result
+
+    class Done(list):
+        add = list.append
+
+    cluster = SimpleNamespace(Client=Dying, as_completed=Done, CancelledError=CancelledError)
+    monkeypatch.setattr("starplumb.study.run.import_module", lambda name: cluster)
+    store = Store.open(tmp_path, Study(two_images, {"gls": Gls()}, 1, 100, 10))
+    with pytest.raises(
+        InputError, match="scheduler: found the one at tcp://gone gone before the study was finished"
+    ):
+        run(store, Dask("tcp://gone"))
+    assert len(store.missing()) == 9

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import signal
 from collections.abc import Callable, Iterator, Sequence
@@ -145,13 +146,17 @@ class Dask:
             client = distributed.Client(self.address, timeout=20)
         except (OSError, ValueError, TimeoutError) as error:
             raise ArgumentError("scheduler", f"found no Dask scheduler at {self.address} ({error})") from None
+        log = logging.getLogger("distributed")
+        level = log.level
+        log.setLevel(logging.CRITICAL)  # a scheduler that dies is told below, in one sentence
         try:
             yield from self._with(client, distributed, study, chunks)
-        except (OSError, TimeoutError, distributed.CancelledError) as error:
-            reason = " ".join(str(error).split())[:80]
+        except (OSError, TimeoutError, distributed.CancelledError):
             raise ArgumentError(
-                "scheduler", f"found the one at {self.address} gone before the study was finished ({reason})"
+                "scheduler", f"found the one at {self.address} gone before the study was finished"
             ) from None
+        finally:
+            log.setLevel(level)
 
     def _with(
         self, client: Any, distributed: Any, study: Study, chunks: Sequence[int]
