@@ -290,6 +290,7 @@ def test_extreme_values_of_a_campaign_meet_bounds(tmp_path, key, value):
     assert str(error.value).isprintable()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "options", [("--sigma-px", "inf"), ("--sigma-height-m", "1e300"), ("--height-m", "1e9")]
 )

@@ -47,7 +47,7 @@ def fuzz(only: str, seed: int, seconds: float, folder: Path):
     faults: list[tuple[str, int, str]] = []
     begins: dict[str, int] = {}
     used = 0.0
-    names = list(chosen(only))
+    names: list[str] = []
     while used < seconds:
         said, place = folder / "said", folder / "work"
         said.write_text("")
@@ -61,7 +61,9 @@ def fuzz(only: str, seed: int, seconds: float, folder: Path):
         used += hung.cpu_s
         for line in said.read_text(encoding="utf-8").splitlines():
             told = json.loads(line)
-            if "fault" in told:
+            if "names" in told:
+                names = told["names"]
+            elif "fault" in told:
                 faults.append(tuple(told["fault"]))
             else:
                 counts.update({(name, kind): n for name, kind, n in told["counts"]})

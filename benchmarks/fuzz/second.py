@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,3})?", re.ASCII)
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,6})?", re.ASCII)
 
 
 class Unknown(Exception):
@@ -32,9 +32,9 @@ def plain(data: bytes) -> str:
 
 
 def value(word: str, factor: int | Decimal = 1) -> float:
-    """The nearest double to a decimal number times a factor."""
+    """The nearest double to a decimal number times a factor; AssertionError where the reader took what is none."""
     if not _NUMBER.fullmatch(word):
-        raise Unknown
+        raise AssertionError(f"{word[:40]!r} was accepted as a number")
     return float(Decimal(word) * factor)
 
 
