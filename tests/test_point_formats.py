@@ -264,7 +264,7 @@ REFUSED = {
         "feature 1: found no",
     ),
     "not JSON": ("a.geojson", "{", "found text that is not JSON"),
-    "unknown names": ("a.csv", "a,b\n1,2\n", "found a, b, wanted image_name, im_x"),
+    "unknown names": ("a.csv", "a,b\n1,2\n", 'found "a, b", wanted image_name, im_x'),
 }
 
 

@@ -33,6 +33,8 @@ VELOCITY = ("vx_m_s", "vy_m_s", "vz_m_s")
 QUATERNION = ("qx", "qy", "qz", "qw")
 SIGMA_ATTITUDE = ("sigma_x_arcsec", "sigma_y_arcsec", "sigma_z_arcsec")
 ORBIT_RADIUS_M = (6.5e6, 5.0e7)
+_MOST_SPEED_M_S = 1e6
+"""Far above that of any orbit, so that noise of close samples passes."""
 _AROUND_NS = 600 * 10**9
 """What of a kernel is sampled before the first image and after the last: a strip and the nodes around it."""
 _CONJUGATE = np.array([-1.0, -1.0, -1.0, 1.0])
@@ -74,6 +76,7 @@ def read_ephemeris(
         word = show(table.frame_text or table.frame)
         raise InputError(f"{source}: found the frame {word}, wanted {config.frame} as ephemeris.frame says")
     _require_orbit(source, table)
+    _require_speed(source, table)
     r_J, v_J = table.r, table.v
     if orientation is not None and table.frame != "ITRF":
         r_J, v_J = earth_fixed(source, table, orientation)
@@ -184,6 +187,20 @@ def _require_orbit(source: TableSource, table: EphemerisTable) -> None:
         where = f"{source}, the position at {time} {table.time_scale}"
         found = f"found it {radius[row]:.7g} m from the Earth's centre"
         raise InputError(f"{where}: {found}, wanted {low / 1e3:g} to {high / 1e3:g} km")
+
+
+def _require_speed(source: TableSource, table: EphemerisTable) -> None:
+    """Positions that leap, or velocities of no satellite, would count as faster than light."""
+    speed = np.linalg.norm(np.diff(table.r, axis=0), axis=-1) / (1e-9 * np.diff(table.t_ns))
+    if table.v is not None:
+        speed = np.maximum(np.append(speed, 0.0), np.linalg.norm(table.v, axis=-1))
+    if not (speed < _MOST_SPEED_M_S).all():
+        row = int(np.argmax(speed))
+        time = format_iso(table.t_ns[row], table.time_scale, 3)[0]
+        raise InputError(
+            f"{source}, the position at {time} {table.time_scale}: found a speed of {speed[row]:.3g} m/s, "
+            f"wanted one below {_MOST_SPEED_M_S:g} m/s"
+        )
 
 
 def _increasing(table: Table, scale: str) -> Epochs:

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ...physics.errors import InputError
+from ..text.files import show
 from .ground_points import Row, finite, image_id
 
 
@@ -85,4 +86,6 @@ def layout_of(
         if set(layout.needs(with_place)) <= set(names):
             return layout
     wanted = "; or ".join(f"{', '.join(layout.needs(with_place))} ({layout.program})" for layout in among)
-    raise InputError(f"{where}: found {', '.join(map(str, names)) or 'no names'}, wanted {wanted}")
+    raise InputError(
+        f"{where}: found {show(', '.join(map(str, names))) if names else 'no names'}, wanted {wanted}"
+    )

@@ -50,6 +50,9 @@ def numbers(texts: Sequence[str], power: int = 0) -> Array:
     except ValueError:  # an exponent of its own, or no number
         return _singly(texts, power)
     values[~(np.abs(values) < MOST_FINITE)] = np.nan
+    for row in np.flatnonzero(values == 0.0).tolist():  # an absurd exponent makes 0 too
+        if "e" in texts[row] or "E" in texts[row]:
+            values[row] = number(texts[row], power)
     return values
 
 
