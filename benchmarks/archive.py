@@ -222,7 +222,7 @@ def kills(wanted: int, count: int = 12) -> None:
             for writer in writers:
                 writer.start()
             for writer in writers:
-                time.sleep(pause.uniform(0.0, 0.1))
+                time.sleep(pause.uniform(0.0, 0.5))
                 done += writer.is_alive()
                 writer.kill()
             for writer in writers:

@@ -7,7 +7,7 @@ import sqlite3
 import numpy as np
 
 from ...physics.errors import InputError
-from .rows import Entry, NewCampaign, entries
+from .rows import NewCampaign
 
 SAME_PLACE_M = 1e-3
 """Places of one landmark in two campaigns may differ by so much and still be the same."""
@@ -19,29 +19,35 @@ def known(database: sqlite3.Connection, campaign: NewCampaign) -> bool:
 
     Raises InputError where it was withdrawn, and where it cannot stand beside another one.
     """
-    there = {entry.id: entry for entry in entries(database)}
-    if (same := there.get(campaign.id)) is not None:
-        if same.withdrawn is not None:
+    same = database.execute(
+        "SELECT w.reason FROM campaign c LEFT JOIN withdrawn w ON w.campaign = c.id WHERE c.id = ?",
+        (campaign.id,),
+    ).fetchone()
+    if same is not None:
+        if same[0] is not None:
             raise InputError(
-                f"campaign {campaign.name!r}: found it withdrawn ({same.withdrawn[1]}); what is withdrawn stays so, "
+                f"campaign {campaign.name!r}: found it withdrawn ({same[0]}); what is withdrawn stays so, "
                 "wanted other inputs or options"
             )
         return True
     if campaign.status in ("ok", "weak"):
-        _require_other_inputs(there.values(), campaign)
+        _require_other_inputs(database, campaign)
         _require_other_sightings(database, campaign)
         _require_one_place(database, campaign)
     return False
 
 
-def _require_other_inputs(there: object, campaign: NewCampaign) -> None:
-    for entry in there:  # type: ignore[attr-defined]
-        assert isinstance(entry, Entry)
-        if entry.stands and entry.inputs_id == campaign.inputs_id and entry.instrument == campaign.instrument:
-            raise InputError(
-                f"campaign {campaign.name!r}: found the same inputs as {entry.id[:12]} ({entry.method}), with other "
-                f"options; they would count twice, wanted {entry.id[:12]} withdrawn first"
-            )
+def _require_other_inputs(database: sqlite3.Connection, campaign: NewCampaign) -> None:
+    found = database.execute(
+        "SELECT c.id, c.method FROM campaign c WHERE c.inputs = ? AND c.satellite = ? AND c.frame_from = ? "
+        f"AND c.frame_to = ? AND {_STANDS}",
+        (campaign.inputs_id, *campaign.instrument.key),
+    ).fetchone()
+    if found is not None:
+        raise InputError(
+            f"campaign {campaign.name!r}: found the same inputs as {found[0][:12]} ({found[1]}), with other options; "
+            f"they would count twice, wanted {found[0][:12]} withdrawn first"
+        )
 
 
 def _require_other_sightings(database: sqlite3.Connection, campaign: NewCampaign) -> None:

@@ -164,14 +164,22 @@ def _numbers(data: bytes) -> Array:
     return values
 
 
-def entries(database: sqlite3.Connection) -> list[Entry]:
-    """All campaigns in the order of time."""
+def instruments(database: sqlite3.Connection) -> list[Instrument]:
+    """Those that have campaigns, in the order of their names."""
+    rows = database.execute("SELECT DISTINCT satellite, frame_from, frame_to FROM campaign ORDER BY 1, 2, 3")
+    return [Instrument(*row) for row in rows]
+
+
+def entries(database: sqlite3.Connection, instrument: Instrument | None = None) -> list[Entry]:
+    """All campaigns, or those of an instrument, in the order of time."""
+    where = "" if instrument is None else "WHERE satellite = ? AND frame_from = ? AND frame_to = ? "
     rows = database.execute(
         "SELECT c.id, c.inputs, satellite, frame_from, frame_to, name, first_ns, last_ns, added_utc, software, method, "
         "options_json, status, matrix, covariance, (SELECT count(*) FROM image i WHERE i.campaign = c.id), "
         "(SELECT coalesce(sum(observations), 0) FROM image i WHERE i.campaign = c.id), "
         "EXISTS(SELECT 1 FROM normal n WHERE n.campaign = c.id), w.at_utc, w.reason "
-        "FROM campaign c LEFT JOIN withdrawn w ON w.campaign = c.id ORDER BY first_ns, c.id"
+        f"FROM campaign c LEFT JOIN withdrawn w ON w.campaign = c.id {where}ORDER BY first_ns, c.id",
+        () if instrument is None else instrument.key,
     )
     return [_entry(row) for row in rows]
 

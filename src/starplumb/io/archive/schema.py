@@ -46,6 +46,8 @@ CREATE TABLE validity(
   FOREIGN KEY(satellite, frame_from, frame_to) REFERENCES instrument(satellite, frame_from, frame_to)) STRICT;
 CREATE TABLE withdrawn(
   campaign TEXT PRIMARY KEY REFERENCES campaign(id), at_utc TEXT NOT NULL, reason TEXT NOT NULL) STRICT;
+CREATE INDEX campaign_by_inputs ON campaign(inputs);
+CREATE INDEX campaign_by_instrument ON campaign(satellite, frame_from, frame_to);
 CREATE INDEX image_by_time ON image(t_ns);
 CREATE INDEX unknown_by_name ON unknown(name);
 """

@@ -9,16 +9,19 @@ from __future__ import annotations
 import os
 import sqlite3
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from time import monotonic, sleep
+from typing import TypeVar
 
 from ...physics.errors import InputError
 from ..text.files import show
 from .schema import APPLICATION_ID, EDITION, statements
 
-WAIT_S = 60.0
-"""How long a writer waits for another."""
+WAIT_S, PAUSE_S = 60.0, 0.02
+"""How long a writer waits for another, and between two tries."""
+Made = TypeVar("Made")
 NETWORK = frozenset(
     (
         *(
@@ -59,7 +62,7 @@ def create(path: Path, satellite: str) -> None:
         with _connected(beside, path) as database:
             database.executescript(statements())
             database.execute("INSERT INTO meta VALUES('satellite', ?)", (satellite,))
-            database.execute("PRAGMA journal_mode=DELETE")
+            database.execute("PRAGMA journal_mode=WAL")  # stays so: two who open it need not agree on that
         os.link(beside, path)  # fails where another process was quicker
     except FileExistsError:
         raise InputError(
@@ -82,8 +85,8 @@ def opened(path: Path) -> Iterator[sqlite3.Connection]:
         raise InputError(f"{path}: found {what}, wanted an archive; starplumb archive init {path} makes one")
     require_local(path)
     with _connected(path, path) as database, _whole(path):
-        _require_archive(database, path)
-        mode = database.execute("PRAGMA journal_mode=WAL").fetchone()[0]
+        patiently(lambda: _require_archive(database, path))
+        mode = patiently(lambda: database.execute("PRAGMA journal_mode=WAL").fetchone()[0])
         if mode != "wal":
             raise InputError(
                 f"{path}: found a drive on which SQLite keeps no write-ahead log ({mode}), wanted a local one"
@@ -106,13 +109,30 @@ def _whole(path: Path) -> Iterator[None]:
 @contextmanager
 def transaction(database: sqlite3.Connection) -> Iterator[sqlite3.Connection]:
     """What is written within is there as a whole, or not at all."""
-    database.execute("BEGIN IMMEDIATE")
+    patiently(lambda: database.execute("BEGIN IMMEDIATE"))
     try:
         yield database
     except BaseException:
         database.execute("ROLLBACK")
         raise
     database.execute("COMMIT")
+
+
+def patiently(does: Callable[[], Made]) -> Made:
+    """What a function gives, tried again while another program has the database: SQLite itself waits for no one who
+    mends what a killed writer left."""
+    until = monotonic() + WAIT_S
+    while True:
+        try:
+            return does()
+        except sqlite3.OperationalError as error:
+            if not _in_use(error) or monotonic() > until:
+                raise
+        sleep(PAUSE_S)
+
+
+def _in_use(error: sqlite3.Error) -> bool:
+    return "locked" in str(error) or "busy" in str(error)
 
 
 @contextmanager
@@ -136,7 +156,7 @@ def _sentence(error: sqlite3.Error) -> str:
     text = " ".join(str(error).split())
     if "not a database" in text or "malformed" in text:
         return f"found a file that SQLite cannot read ({text}), wanted an archive"
-    if "locked" in text or "busy" in text:
+    if _in_use(error):
         return f"found it in use by another program for {WAIT_S:.0f} s, wanted a turn; the same command again"
     if "full" in text:
         return "found the disk full, wanted room; nothing was added"

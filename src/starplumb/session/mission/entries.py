@@ -60,9 +60,10 @@ def why_not(entry: Entry) -> str | None:
     return None if entry.summable else "no normal equations were written with its result"
 
 
-def instrument_of(name: str, found: Sequence[Entry], satellite: str | None, camera: str | None) -> Instrument:
+def instrument_of(
+    name: str, all_: Sequence[Instrument], satellite: str | None, camera: str | None
+) -> Instrument:
     """The one instrument that has campaigns and fits what is asked for.  Raises InputError where it is not one."""
-    all_ = list(dict.fromkeys(entry.instrument for entry in found))
     if not all_:
         raise InputError(
             f"{name}: found no campaign, wanted one or more; starplumb archive add {name} WHAT adds one"

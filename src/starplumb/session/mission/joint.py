@@ -45,7 +45,7 @@ class Standing:
 
 def standing(name: str, database: sqlite3.Connection, instrument: Instrument) -> Standing:
     """Those of an instrument.  Raises InputError where none counts."""
-    mine = [entry for entry in entries(database) if entry.instrument == instrument]
+    mine = entries(database, instrument)
     left = tuple((entry, reason) for entry in mine if (reason := why_not(entry)) is not None)
     used = tuple(entry for entry in mine if why_not(entry) is None)
     if not used:
