@@ -89,7 +89,10 @@ def calibrate(
     ] = None,
     gpkg: Annotated[bool, typer.Option("--gpkg", help="Write residuals.gpkg for QGIS too.")] = False,
     jobs: Annotated[
-        int | None, typer.Option("--jobs", "-j", min=1, help="Campaigns at a time [default: processors].")
+        int | None,
+        typer.Option(
+            "--jobs", "-j", metavar="COUNT", min=1, help="Campaigns at a time [default: processors]."
+        ),
     ] = None,
     archive: Annotated[
         Path | None,

@@ -14,7 +14,12 @@ def measure(
     campaign: Annotated[Path, typer.Argument(help="The campaign.toml.", metavar="CAMPAIGN.toml")],
     out: Annotated[
         Path | None,
-        typer.Option("--out", "-o", help="Folder of the tables [default: `measured` beside the campaign]."),
+        typer.Option(
+            "--out",
+            "-o",
+            metavar="DIR",
+            help="Folder of the tables [default: `measured` beside the campaign].",
+        ),
     ] = None,
     calibrate: Annotated[
         bool, typer.Option("--calibrate", help="Calibrate with what was measured, into the same folder.")
