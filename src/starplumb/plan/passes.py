@@ -102,6 +102,8 @@ def pass_over(
         if np.all(np.abs(off) < _ANGLE):
             return replace(shape, node=float(place[0]), mean_anomaly=float(place[1]))
         jacobian = np.stack([(miss(place + 1e-6 * axis) - off) / 1e-6 for axis in np.eye(2)], axis=-1)
+        if not np.all(np.isfinite(jacobian)) or np.linalg.matrix_rank(jacobian) < 2:
+            break
         place = place - np.clip(np.linalg.solve(jacobian, off), -0.1, 0.1)
     raise InputError("no orbit of this shape sees the site at the roll angle of the pass")
 

@@ -12,7 +12,7 @@ from ....physics.errors import InputError
 from ....table.campaign import Images
 from ....table.row_times import RowTimes
 from ...tables.read import Table, epochs, read_table
-from ...text.files import show, trouble
+from ...text.files import cut, show, trouble
 
 _PERIODS_AGREE = 0.2
 """Relative difference up to which a stated line period is that of a table of rows."""
@@ -38,7 +38,7 @@ def read_row_times(images: Table, t_ns: NDArray[np.int64], folder: Path, scale: 
 
 def _read(images: Table, i: int, path: Path, name: str, t_ns: np.int64, scale: str) -> RowTimes:
     if (fault := trouble(path)) is not None:
-        raise images.error(i, "row_times", name, f"a table of rows: {path}: {fault}")
+        raise images.error(i, "row_times", name, f"a table of rows: {cut(str(path))}: {fault}")
     table = read_table(path, texts=("time",), numbers=("row",))
     row, times = table.numbers["row"], epochs(table, scale)
     steps = np.diff(times)
