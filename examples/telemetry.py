@@ -77,7 +77,7 @@ for i, at in enumerate(flown.images.t_ns):
     lines = ["mapX,mapY,sourceX,sourceY,enable,dX,dY,residual"]
     for row in np.flatnonzero(s.image == i):
         k = s.landmark[row]
-        surveyed.append((f"{name}-{len(lines)}", latitude[k], longitude[k], height[k]))
+        surveyed.append((f"{name}-{len(lines) + 2}", latitude[k], longitude[k], height[k]))
         column, line = s.column_px[row] + 0.5, s.row_px[row] + 0.5
         lines.append(f"{longitude[k]:.9f},{latitude[k]:.9f},{column:.3f},{-line:.3f},1,0,0,0")
     Path(f"{name}.points").write_text(CRS + "\n".join(lines) + "\n")

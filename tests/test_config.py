@@ -499,7 +499,7 @@ def test_landmarks_from_a_vector_file(tmp_path: Path, name: str, driver: str) ->
     loaded = load_campaign(path)
     landmarks, expected = loaded.campaign.landmarks, load(tmp_path / "b").campaign.landmarks
     assert landmarks.ids == expected.ids
-    assert len(loaded.inputs) == (8 if driver == "ESRI Shapefile" else 6)
+    assert len(loaded.inputs) == (10 if driver == "ESRI Shapefile" else 6)
     np.testing.assert_allclose(landmarks.r_J, expected.r_J, atol=1e-6)
     np.testing.assert_allclose(landmarks.covariance_J, expected.covariance_J, atol=1e-12)
 

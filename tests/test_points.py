@@ -194,7 +194,7 @@ def test_points_of_qgis_get_heights_from_a_dem_and_meet_in_one_landmark(tmp_path
         "kind not stated": (*files, *sigmas, "--dem", dem),
         "no sigmas of the places": (*files, "--sigma-px", "0.5", *kind),
         "no sigmas of the pixels": (*files, "--sigma-m", "1", *kind),
-        "--sigma-m: found 'x'": (*files, "--sigma-m", "x", *kind),
+        '--sigma-m: found "x"': (*files, "--sigma-m", "x", *kind),
     }
     for message, arguments in missing.items():
         result = run(*arguments)

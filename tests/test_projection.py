@@ -250,7 +250,6 @@ def test_json_is_a_document_with_a_schema(path):
         (["1", "2", "3", "4"], 'places: found "1 2 3 4", wanted latitude, longitude'),
         (["--itrf", "1", "2"], 'places: found "1 2", wanted x, y and z (m)'),
         (["--itrf", "table.csv"], "--itrf: found beside a table"),
-        (["--imgae", "1", "2"], "--imgae: found an option that project does not have"),
         (["north", "2", "3"], 'places: found "north 2 3"'),
         (["missing.csv"], "missing.csv: found no such file"),
     ],

@@ -5,6 +5,7 @@ from __future__ import annotations
 import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
+from threading import current_thread, main_thread
 from types import FrameType
 
 ASKS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
@@ -40,12 +41,22 @@ def _stop(number: int, frame: FrameType | None) -> None:
 
 @contextmanager
 def uninterrupted() -> Iterator[None]:
-    """Signals that ask this thread to stop wait until the block is done."""
-    if not hasattr(signal, "pthread_sigmask"):
+    """Signals that ask to stop wait until the block is done.
+
+    They are noted, not blocked: whichever thread receives a signal, Python handles it in the main one.
+    """
+    if current_thread() is not main_thread():
         yield
         return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, ASKS)
+    asked: list[int] = []
+    before = {number: signal.getsignal(number) for number in ASKS}
+    handled = {number: handler for number, handler in before.items() if handler not in (None, signal.SIG_IGN)}
+    for number in handled:
+        signal.signal(number, lambda number, _frame: asked.append(number))
     try:
         yield
     finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        for number, handler in handled.items():
+            signal.signal(number, handler)
+        if asked:
+            signal.raise_signal(asked[0])

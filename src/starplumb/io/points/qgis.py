@@ -18,8 +18,7 @@ def read_qgis(path: Path, crs: str | None = None) -> GroundPoints:
     """Points of the QGIS georeferencer of one image, which is named as the file is.
 
     Pixels count from the upper left corner of the image, rows upwards (negative).  A file whose first line is not
-    ``#CRS: ...`` needs ``crs``.  Points that are switched off are left out with a notice;
-    each is named after its image and its number among all points of the file, from 1.
+    ``#CRS: ...`` needs ``crs``.  Points that are switched off are left out with a notice.
     """
     text = read_text(path)
     stated = re.match(r"\s*#\s*CRS:\s*(\S.*)", text)
@@ -43,7 +42,9 @@ def read_qgis(path: Path, crs: str | None = None) -> GroundPoints:
                 "QGIS counts rows upwards from the upper edge of an image without georeference"
             )
         where = f"{path}, row {table.row_number(i)}"
-        rows.append(Row(where, f"{image}-{i + 1}", image, x, y, np.nan, column - 0.5, -row - 0.5))
+        rows.append(
+            Row(where, f"{image}-{table.row_number(i)}", image, x, y, np.nan, column - 0.5, -row - 0.5)
+        )
     off = len(table) - len(on)
     notices = [f"{path}: left out {off} point{'s' * (off != 1)} that QGIS has switched off"] if off else []
     return from_rows(path, reference, rows, notices)
