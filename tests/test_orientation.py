@@ -12,6 +12,7 @@ import pytest
 from astropy_iers_data import IERS_A_FILE
 from scipy.interpolate import lagrange
 
+from starplumb.physics import orientation as module
 from starplumb.physics.earth import OMEGA_EARTH
 from starplumb.physics.errors import EpochError, InputError
 from starplumb.physics.orientation import C_IF, EarthOrientation, FrameOfDate
@@ -312,3 +313,18 @@ def test_frames_of_date_differ_by_precession_and_nutation(rng: np.random.Generat
     equinox = erfa.eqeq94(day, rest)
     teme = np.stack([rotation(2, float(angle)) for angle in equinox]) @ C_IF("TOD", t).mT
     assert np.all(angle_mas(C_IF("TEME", t).mT, teme) < 200)
+
+
+def test_a_table_is_parsed_once_until_its_file_changes(tmp_path, monkeypatch):
+    lines = Path(IERS_A_FILE).read_bytes().splitlines(keepends=True)
+    path, parsed = tmp_path / "finals.all", []
+    read = module._read_finals
+    monkeypatch.setattr(module, "_read_finals", lambda path: parsed.append(path) or read(path))
+    path.write_bytes(b"".join(lines[16000:16020]))
+    first = EarthOrientation.load(path)
+    assert EarthOrientation.load(path) is first
+    assert len(parsed) == 1
+    path.write_bytes(b"".join(lines[16000:16025]))
+    assert EarthOrientation.load(path).t_ns.size == first.t_ns.size + 5
+    with pytest.raises(ValueError, match="read-only"):
+        first.values[0, 0] = 1.0

@@ -26,11 +26,13 @@ from starplumb.io.results.samples import sample_files
 from starplumb.io.scenario.read import find_scenario, load_scenario
 from starplumb.physics import so3
 from starplumb.physics.errors import InputError
+from starplumb.plan import bound
 from starplumb.plan.bound import Linear, bound_E
 from starplumb.study.monte_carlo import Study, Tally
 from starplumb.study.run import Dask, Processes, Serial, choose, run
 from starplumb.study.store import Store
 from starplumb.study.summary import found_of, summarise
+from starplumb.study.threads import ONE_THREAD
 from starplumb.table.error_sources import Distribution
 
 
@@ -465,3 +467,39 @@ def test_a_scheduler_that_dies_is_one_sentence_and_chunks_are_kept(two_images, t
     ):
         run(store, Dask("tcp://gone"))
     assert len(store.missing()) == 9
+
+
+@pytest.mark.parametrize("shipped", ["cubesat-6u", "wide-swath"])
+def test_elimination_has_the_gain_and_bound_of_dense_matrices(shipped, monkeypatch):
+    """Landmarks seen again and by one image, errors that images share, and a prior."""
+    scenario = load_scenario(find_scenario(shipped))
+    scenario = replace(scenario, initial=replace(scenario.initial, stated=True))
+    dense = Linear(scenario, scenario.sources)
+    expected = dense.covariance_E, dense.gain
+    monkeypatch.setattr(bound, "MOST_SIGHTINGS", 0)
+    found = Linear(scenario, scenario.sources)
+    np.testing.assert_allclose(found.covariance_E, expected[0], rtol=1e-8, atol=1e-9 * np.trace(expected[0]))
+    np.testing.assert_allclose(found.gain, expected[1], rtol=0.0, atol=1e-8 * np.abs(expected[1]).max())
+
+
+@pytest.mark.slow
+def test_a_study_is_the_same_for_any_number_of_workers_and_threads(tmp_path):
+    command = [
+        sys.executable,
+        "-m",
+        "starplumb",
+        "simulate",
+        "cubesat-6u",
+        "--trials",
+        "1600",
+        "--chunk",
+        "800",
+    ]
+    summaries = set()
+    for number, (workers, threads) in enumerate([("1", "1"), ("1", "2"), ("2", "2")]):
+        out = tmp_path / str(number)
+        environment = os.environ | dict.fromkeys(ONE_THREAD, threads)
+        arguments = ["--methods", "gls,wahba", "--workers", workers, "--out", str(out), "--quiet"]
+        subprocess.run([*command, *arguments], env=environment, check=True, capture_output=True)
+        summaries.add((out / "summary.json").read_bytes())
+    assert len(summaries) == 1

@@ -6,7 +6,17 @@ import sys
 
 
 def main() -> None:
-    """Run the command; a user's mistake ends in one line on standard error and the exit status of the interface."""
+    """Run the command; a user's mistake ends in one line on standard error and the exit status of the interface.
+
+    One thread for linear algebra, set before NumPy is loaded: what a command finds does not depend on the machine.
+    """
+    from ..study.threads import one_thread
+
+    with one_thread():
+        _run()
+
+
+def _run() -> None:
     from ..disk.interruption import name_of, stop_as_by_ctrl_c
     from ..physics.errors import AlignmentFailed, InputError
     from .app import app

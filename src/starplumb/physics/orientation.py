@@ -9,6 +9,7 @@ variations within a day, up to 1 mas, are left out.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Literal, get_args
 
@@ -68,6 +69,12 @@ class EarthOrientation:
             from astropy_iers_data import IERS_A_FILE
 
             path = Path(IERS_A_FILE)
+        return cls._read(path, *_version(path))
+
+    @classmethod
+    @lru_cache(maxsize=4)
+    def _read(cls, path: Path, _size: int, _time_ns: int) -> EarthOrientation:
+        """A table as it stands in a file of this size and time: parsed once in a process."""
         mjd, values, is_predicted = _read_finals(path)
         leap = leap_seconds()
         known = (mjd >= leap.mjd[0]) & (mjd < leap.expiry_mjd)
@@ -79,6 +86,8 @@ class EarthOrientation:
         source = f"{path.name}, {first[:10]} to {last[:10]}"
         if is_predicted.any():
             source += f", predicted from {format_iso(t_ns[np.argmax(is_predicted)], 'UTC', 0)[0][:10]}"
+        for array in (t_ns, values, is_predicted):
+            array.flags.writeable = False
         return cls(t_ns, values, is_predicted, source)
 
     def C_IJ(self, t_ns: npt.ArrayLike) -> Float:
@@ -155,6 +164,15 @@ def _cip(tt_day: Float, tt_rest: Float) -> Float:
     table = np.stack(erfa.xys06a(erfa.DJ00, nodes / _CIP_PER_DAY), axis=-1)
     position = tt_rest * _CIP_PER_DAY - part + (_CIP_NODES // 2 - 1)
     return _lagrange(table, np.searchsorted(nodes, first), position, _CIP_NODES)
+
+
+def _version(path: Path) -> tuple[int, int]:
+    """Size and time, ns, of a file: by them a changed one is known."""
+    try:
+        found = path.stat()
+    except OSError:
+        return 0, 0  # reading it says why
+    return found.st_size, found.st_mtime_ns
 
 
 def _read_finals(path: Path) -> tuple[Int64, Float, Bool]:

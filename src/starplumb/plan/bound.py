@@ -1,6 +1,7 @@
-"""The scenario to first order, with dense matrices: gain and covariance of generalised least squares, and the bound.
+"""The scenario to first order: gain and covariance of generalised least squares, and the bound.
 
-Nothing here is shared with :mod:`starplumb.solve.adjustment`: residuals are ``z = H theta + sum_s E_s xi_s`` with the
+With dense matrices, which share nothing with :mod:`starplumb.solve.adjustment`, up to MOST_SIGHTINGS; beyond by its
+elimination, whose work grows with the number of sightings.  Residuals are ``z = H theta + sum_s E_s xi_s`` with the
 effects E_s of the sources, their covariance ``V = sum_s E_s E_s^T`` is formed and factorised whole, and::
 
     gain = -(H^T V^-1 H + prior^-1)^-1 H^T V^-1,     covariance (H^T V^-1 H + prior^-1)^-1
@@ -18,13 +19,14 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from ..estimators.fit import State, Unknowns
 from ..table.error_sources import Effect, Source
 from .scenario import Scenario
 
 Array = NDArray[np.float64]
 
 MOST_SIGHTINGS = 4000
-"""Largest scene whose dense covariance (0.5 GB) is formed."""
+"""Largest scene whose dense covariance (0.5 GB) is formed; the elimination takes over."""
 
 
 @dataclass(frozen=True)
@@ -36,6 +38,17 @@ class Linear:
 
     @cached_property
     def _solution(self) -> tuple[Array, Array]:
+        return self._dense() if self.scenario.truth.n <= MOST_SIGHTINGS else self._eliminated()
+
+    def _eliminated(self) -> tuple[Array, Array]:
+        C_EK = self.scenario.C_EK_true
+        known = self.scenario.with_stated(self.sources)
+        problem = Unknowns().problem(known, State(C_EK, np.zeros(0)), C_EK)
+        covariance = problem.solution.covariance[:3]
+        inverse = problem.through_inverse()
+        return covariance[:, :3], -covariance @ inverse.reshape(-1, inverse.shape[-1]).T
+
+    def _dense(self) -> tuple[Array, Array]:
         H = self.scenario.model.H.reshape(-1, 3)
         V = residual_covariance(effects(self.scenario, self.sources))
         # V^-1 H through the factor: y = L^-1 H, V^-1 H = L^-T y
@@ -71,18 +84,8 @@ def residual_covariance(parts: Sequence[Effect]) -> Array:
     return V
 
 
-def fits(scenario: Scenario) -> bool:
-    """Whether the scene is small enough for dense matrices."""
-    return scenario.truth.n <= MOST_SIGHTINGS
-
-
-def bound_E(scenario: Scenario) -> Array | None:
-    """Cramer-Rao bound (3, 3) rad^2 of the alignment about E under the true errors, blunders left aside.
-
-    None where the scene is too large for it.
-    """
-    if not fits(scenario):
-        return None
+def bound_E(scenario: Scenario) -> Array:
+    """Cramer-Rao bound (3, 3) rad^2 of the alignment about E under the true errors, blunders left aside."""
     return Linear(
         scenario, tuple(source for source in scenario.sources if not source.is_blunder)
     ).covariance_E

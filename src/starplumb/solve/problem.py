@@ -141,6 +141,14 @@ class Problem:
         o, model, A = self.linearised
         return eliminated(o, self._roots, model, A)
 
+    def through_inverse(self) -> Array:
+        """``V^-1 A`` (n, 2, k) of the whole table, V the covariance of all that is not a common unknown (no batch
+        axes)."""
+        o, model, A = self.linearised
+        d = self._roots.design(o, model, A)
+        left = self._eliminated[0].left(d, o.image)
+        return np.asarray(d.W.mT @ left[..., :-1])
+
     def shared_errors(self, x: Array | None = None) -> SharedErrors:
         """The errors of images and landmarks at a step x (..., k) of the common unknowns, by default where they
         stand."""

@@ -22,7 +22,7 @@ from ..estimators.fit import Unknowns
 from ..estimators.gls import covariance_at
 from ..estimators.protocol import Estimator
 from ..physics import so3
-from ..plan.bound import Linear, effects, fits
+from ..plan.bound import Linear, effects
 from ..plan.scenario import Scenario
 from ..table.error_sources import Source, combine
 from ..table.simulate import measure
@@ -78,12 +78,12 @@ class Budget:
 def budget(scenario: Scenario, estimator: Estimator) -> Budget:
     """The budget of an estimator at the truth; blunders are left out, they are not noise.
 
-    An answer that is that of generalised least squares is taken from its dense gain, any other from the estimator's
+    An answer that is that of generalised least squares is taken from its gain, any other from the estimator's
     response to a unit draw of each source.
     """
     sources = [source for source in scenario.sources if not source.is_blunder]
     at_the_truth = estimator(scenario.stated, scenario.C_EK_true)
-    if at_the_truth.unknowns == Unknowns() and fits(scenario):
+    if at_the_truth.unknowns == Unknowns():
         gain = Linear(scenario, scenario.stated_sources).gain
         responses = [effect.through(gain) for effect in effects(scenario, sources)]
     else:

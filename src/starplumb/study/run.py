@@ -17,6 +17,7 @@ from ..disk.interruption import uninterrupted
 from ..physics.errors import ArgumentError, InputError
 from .monte_carlo import Arrays, Study
 from .store import Store
+from .threads import one_thread
 
 if TYPE_CHECKING:
     from concurrent.futures import Future
@@ -70,7 +71,7 @@ def _run_in_worker(c: int) -> Arrays:
 
 @dataclass(frozen=True)
 class Processes:
-    """Worker processes on this machine; when one is killed, what it had not finished is run again."""
+    """Worker processes of one thread each; when one is killed, what it had not finished is run again."""
 
     workers: int
 
@@ -99,7 +100,8 @@ class Processes:
         workers = min(self.workers, len(chunks))
         pool = ProcessPoolExecutor(workers, get_context("spawn"), _start_worker, (study,))
         try:
-            yield from _windowed(chunks, AHEAD * workers, lambda c: pool.submit(_run_in_worker, c))
+            with one_thread():
+                yield from _windowed(chunks, AHEAD * workers, lambda c: pool.submit(_run_in_worker, c))
         finally:
             pool.shutdown(wait=True, cancel_futures=True)
 

@@ -106,7 +106,7 @@ def summarise(store: Store) -> dict[str, Any]:
                 }
                 for s in scenario.sources
             ],
-            "cramer_rao_arcsec": None if bound is None else _arcsec(np.sqrt(np.diagonal(bound))),
+            "cramer_rao_arcsec": _arcsec(np.sqrt(np.diagonal(bound))),
             "methods": methods,
         }
     )
