@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 import sqlite3
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -127,7 +128,7 @@ def test_what_is_withdrawn_counts_no_more_and_stays(tmp_path, parts):
 def test_rows_are_only_ever_added(tmp_path, parts):
     archive = archive_of(tmp_path, parts["a"])
     archive.withdraw("a", "a test")
-    with sqlite3.connect(archive.path) as database:
+    with closing(sqlite3.connect(archive.path)) as database, database:
         for table in ("campaign", "image", "normal", "unknown", "input", "withdrawn"):
             for statement in (f"DELETE FROM {table}", f"UPDATE {table} SET rowid = rowid"):
                 with pytest.raises(sqlite3.IntegrityError, match="only grows"):
@@ -161,7 +162,7 @@ def test_verify_finds_what_was_changed(tmp_path, parts):
     digest = next(iter(json.loads((parts["a"] / "result.json").read_text())["inputs"].values()))
     blobs.place_of(archive.path, digest).write_bytes(b"no longer")
     assert list(archive.verify()["not_kept"].values()) == [["campaign.toml"]]
-    with sqlite3.connect(archive.path) as database:
+    with closing(sqlite3.connect(archive.path)) as database, database:
         database.execute("DROP TRIGGER input_UPDATE")
         database.execute("UPDATE input SET sha256 = 'sha256:0' WHERE name = 'campaign.toml'")
     done = starplumb("archive", "verify", archive.path)
@@ -189,11 +190,16 @@ def test_the_scatter_of_campaigns_tells_its_own_sigma(rng, tmp_path):
         (lambda path: path.mkdir(), "found a folder, wanted an archive"),
         (lambda path: path.write_text("no database at all " * 9), "found a file that SQLite cannot read"),
         (
-            lambda path: sqlite3.connect(path).execute("CREATE TABLE t(x)"),
+            lambda path: foreign_database(path),
             "found a database of another program",
         ),
     ],
 )
+def foreign_database(path):
+    with closing(sqlite3.connect(path)) as database:
+        database.execute("CREATE TABLE t(x)")
+
+
 @pytest.mark.parametrize("verb", ["list", "show", "verify"])
 def test_what_is_no_archive_is_refused_in_a_sentence(tmp_path, make, sentence, verb):
     make(tmp_path / "x.db")
@@ -277,7 +283,7 @@ def test_the_past_is_repeated_from_the_kept_files(tmp_path, parts):
 @pytest.mark.slow
 def test_a_change_of_an_answer_is_said(tmp_path, parts):
     archive = archive_of(tmp_path, parts["a"])
-    with sqlite3.connect(archive.path) as database:
+    with closing(sqlite3.connect(archive.path)) as database, database:
         database.execute("DROP TRIGGER campaign_UPDATE")
         turned = so3.exp([1e-4, 0.0, 0.0]) @ np.array(
             json.loads((parts["a"] / "result.json").read_text())["mounting"]["matrix"]

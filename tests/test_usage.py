@@ -8,9 +8,9 @@ import sys
 
 import numpy as np
 import pytest
-from tests.command import Spoken, demo, starplumb
 from typer.main import get_command
 
+from command import Spoken, demo, starplumb
 from starplumb.cli.app import app
 from starplumb.cli.options import complete
 from starplumb.estimators import METHODS

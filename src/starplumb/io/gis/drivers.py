@@ -63,7 +63,7 @@ _TEXTS = ("AAIGrid", "GRASSASCIIGrid", "GSAG", "XYZ", "USGSDEM")
 def open_raster(path: Path) -> DatasetReader:
     """A raster.  Raises InputError where the file is none, is a virtual one, or rasterio is not installed."""
     try:
-        from rasterio.errors import CRSError, RasterioError
+        from rasterio.errors import CRSError, RasterioError, RasterioIOError
         from rasterio.io import DatasetReader
     except ImportError:
         raise InputError(f'{path}: reading it needs rasterio: pip install "starplumb[gis]"') from None
@@ -77,7 +77,7 @@ def open_raster(path: Path) -> DatasetReader:
         with quiet_gdal():  # rasterio.open takes one driver only
             dataset = DatasetReader(str(path), driver=list(RASTERS))
             _require_own_files(path, dataset.files)
-    except (RasterioError, CRSError, UnicodeDecodeError, ValueError, OverflowError):
+    except (RasterioError, RasterioIOError, CRSError, UnicodeDecodeError, ValueError, OverflowError):
         raise InputError(f"{path}: found a file that is not a raster, wanted a GeoTIFF or the like") from None
     cells, size = dataset.width * dataset.height, path.stat().st_size
     if dataset.driver in _TEXTS and cells > size:
@@ -95,12 +95,12 @@ def parts_of(path: Path) -> list[Path]:
 @contextmanager
 def reading(path: Path) -> Iterator[None]:
     """Whatever GDAL finds wrong while it reads a raster, in a sentence."""
-    from rasterio.errors import CRSError, RasterioError
+    from rasterio.errors import CRSError, RasterioError, RasterioIOError
 
     try:
         with quiet_gdal():
             yield
-    except (RasterioError, CRSError):
+    except (RasterioError, RasterioIOError, CRSError):
         raise InputError(f"{path}: found a damaged raster, wanted one whose cells can be read") from None
 
 
