@@ -183,6 +183,11 @@ def test_the_scatter_of_campaigns_tells_its_own_sigma(rng, tmp_path):
     assert np.all(np.array(found["interval_95_arcsec"]) > 2.0 * wanted)
 
 
+def foreign_database(path):
+    with closing(sqlite3.connect(path)) as database:
+        database.execute("CREATE TABLE t(x)")
+
+
 @pytest.mark.parametrize(
     ("make", "sentence"),
     [
@@ -195,11 +200,6 @@ def test_the_scatter_of_campaigns_tells_its_own_sigma(rng, tmp_path):
         ),
     ],
 )
-def foreign_database(path):
-    with closing(sqlite3.connect(path)) as database:
-        database.execute("CREATE TABLE t(x)")
-
-
 @pytest.mark.parametrize("verb", ["list", "show", "verify"])
 def test_what_is_no_archive_is_refused_in_a_sentence(tmp_path, make, sentence, verb):
     make(tmp_path / "x.db")
