@@ -227,7 +227,7 @@ MOUNTS = """\
 @pytest.mark.parametrize(
     ("folder", "kind"),
     [
-        ("/home/u", "ext4"),
+        ("/srv/u", "ext4"),
         ("/mnt/team", "nfs4"),
         ("/mnt/team/a/b", "nfs4"),
         ("/mnt/team/my disk/a", "xfs"),

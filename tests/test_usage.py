@@ -15,7 +15,12 @@ from starplumb.cli.app import app
 from starplumb.cli.options import complete
 from starplumb.estimators import METHODS
 
-COMMANDS = get_command(app).commands
+GROUPS = get_command(app).commands
+COMMANDS = {name: command for name, command in GROUPS.items() if not hasattr(command, "commands")} | {
+    f"{name} {verb}": command
+    for name, group in GROUPS.items()
+    for verb, command in getattr(group, "commands", {}).items()
+}
 
 
 @pytest.mark.parametrize(
@@ -79,7 +84,7 @@ def test_options_say_what_they_take_and_have_the_same_short_names(command):
     for option in COMMANDS[command].params:
         long = option.opts[0].lstrip("-")
         assert long not in short or short[long] in option.opts, f"{command} --{long}"
-    options = starplumb(command, "--help").out.partition("Options:")[2]
+    options = starplumb(*command.split(), "--help").out.partition("Options:")[2]
     assert re.findall(r"<(?:str|int|float|path|list)\b.*?>", options, re.IGNORECASE) == []
 
 

@@ -12,7 +12,7 @@ import traceback
 import warnings
 import zlib
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -60,7 +60,7 @@ def flat(value: Any) -> Any:
         return [(key, flat(item)) for key, item in value.items()]
     if isinstance(value, (str, bytes, int, float, bool, type(None))):
         return value
-    if isinstance(value, Callable | Path):  # type: ignore[arg-type]
+    if callable(value) or isinstance(value, Path):
         return None
     return [flat(item) for item in value] if hasattr(value, "__iter__") else repr(type(value))
 

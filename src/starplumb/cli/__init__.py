@@ -30,8 +30,6 @@ def _run() -> None:
     except UsageError as error:
         if said := sentence(error):
             complain(said)
-        else:
-            error.show()  # type: ignore[attr-defined]
         sys.exit(2)
     except InputError as error:
         complain(_as_option(error))

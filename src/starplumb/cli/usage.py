@@ -63,12 +63,13 @@ def _names(parameter: Any) -> list[str]:
     return [*parameter.opts, *parameter.secondary_opts] if parameter.param_type_name == "option" else []
 
 
-def sentence(error: Exception) -> str | None:
-    """What was found and what is wanted: the option or command most likely meant; None where typer shows its help."""
+def sentence(error: Any) -> str | None:
+    """What was found and what is wanted: the option or command most likely meant; None where help is shown instead."""
     ctx: Any = getattr(error, "ctx", None)
     if type(error).__name__ == "NoArgsIsHelpError":
+        error.show()
         return None
-    message = " ".join(error.format_message().split()).rstrip(".")  # type: ignore[attr-defined]
+    message = " ".join(error.format_message().split()).rstrip(".")
     message = re.sub(r"'(-[^' ]*|[A-Z.a-z]+\.toml)'", r"\1", message)
     for pattern, said in (
         (r"No such (option|command):? '?([^\s']+)", _unheard_of),

@@ -23,7 +23,9 @@ def trend(
     horizon_days: Annotated[
         float, typer.Option("--horizon-days", metavar="DAYS", help="How far ahead a mounting is used.")
     ] = 30.0,
-    out: Annotated[Path | None, typer.Option("--out", "-o", help="Folder for the page trend.html.")] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", metavar="DIR", help="Folder for the page trend.html.")
+    ] = None,
     json: Json = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -99,7 +101,9 @@ def issue(
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option("--out", "-o", help="Folder for the SPICE frame kernel mounting.tf and issue.json."),
+        typer.Option(
+            "--out", "-o", metavar="DIR", help="Folder for the SPICE frame kernel mounting.tf and issue.json."
+        ),
     ] = None,
     satellite: OfSatellite = None,
     camera: OfCamera = None,

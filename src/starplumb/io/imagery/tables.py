@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, MutableMapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -80,7 +80,7 @@ def campaign_text(
 FILE_KEYS = ("file", "look_angles", "orientation_file", "kernels")
 
 
-def _rename(table: Mapping[str, Any], moved: Mapping[str, str]) -> None:
+def _rename(table: MutableMapping[str, Any], moved: Mapping[str, str]) -> None:
     """Replace the names of files in a table and in those within it."""
     for key, value in list(table.items()):
         if isinstance(value, dict):
@@ -92,4 +92,4 @@ def _rename(table: Mapping[str, Any], moved: Mapping[str, str]) -> None:
                 if isinstance(part, dict):
                     _rename(part, moved)
         elif key in FILE_KEYS and str(value) in moved:
-            table[key] = moved[str(value)]  # type: ignore[index]
+            table[key] = moved[str(value)]

@@ -60,18 +60,17 @@ def standing(name: str, database: sqlite3.Connection, instrument: Instrument) ->
 
 def _known_before(parts: Sequence[Equations], found: Sequence[Entry]) -> tuple[bool, tuple[str, ...]]:
     """Whether what campaigns state of the mounting beforehand may be added: all the same, and of no campaign here."""
-    stated = [part for part in parts if part.blocks[MOUNTING].covariance is not None]
+    stated = [
+        (P, so3.exp(ARCSEC * part.blocks[MOUNTING].expected) @ part.C_EK)
+        for part in parts
+        if (P := part.blocks[MOUNTING].covariance) is not None
+    ]
     if not stated:
         return True, ()
-    first = stated[0].blocks[MOUNTING].covariance
-    expected = [so3.exp(ARCSEC * part.blocks[MOUNTING].expected) @ part.C_EK for part in stated]
-    one = all(
-        np.allclose(part.blocks[MOUNTING].covariance, first, rtol=SAME)  # type: ignore[arg-type]
-        and np.allclose(C, expected[0], atol=1e-9)
-        for part, C in zip(stated, expected, strict=True)
-    )
+    first, C_first = stated[0]
+    one = all(np.allclose(P, first, rtol=SAME) and np.allclose(C, C_first, atol=1e-9) for P, C in stated)
     here = [entry.covariance_E / ARCSEC**2 for entry in found if entry.covariance_E is not None]
-    told = any(np.allclose(part.blocks[MOUNTING].covariance, P, rtol=1e-4) for part in stated for P in here)  # type: ignore[arg-type]
+    told = any(np.allclose(P, P_here, rtol=1e-4) for P, _ in stated for P_here in here)
     if one and not told:
         return True, ()
     why = "is that of another campaign here" if told else "is not the same in all that state it"
