@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import re
 import threading
+import zlib
 from http.server import BaseHTTPRequestHandler, HTTPServer
 
 import numpy as np
@@ -304,3 +306,44 @@ def test_more_trials_than_anyone_computes_are_refused_at_once():
     done = starplumb("simulate", "cubesat-6u", "--trials", 10**18)
     assert done.status == 2
     assert "--trials" in done.err
+
+
+STRANGE_UNITS = (
+    "eNrz9NRi4GBgYBBiYGBkZmAEsjiBmBHKBskwQdkKQMyMJM4GZYOwKBJbBolti8R2grIFgNgZie3CyAJmTwISrlD2cSAOhqphBmK+"
+    "Zh4w/QyIm1p4GNiA9D8gXt/ODHaXHlDhxnYmBjkgOw/IblzCBFbTAzIABhz6HVBoAqAgVs4RRJsxBTvCxBjBLmJnYGCBsBmhNBPL"
+    "xnYxkDzHxnZ2BjEGNg6InxnqQXRFPQsPiNZUDncPVrAwUdBXCA3xVajKz0tVMDbyq4GI1jDoWgIBQ8Wct+cU9Y8Uyhz/GC7A4ijg"
+    "4ggic+ru+wu1cDcpxAgcAZJ3zrxpunn2zJmW7kUacSKuH+WaNKT4D/xn/HBu/vVvHy8XsPdekzBT681MvhZQl7v0hkbURe1fRxdI"
+    "iC1OuvNQ/Wjwx5g9Ipcfba3Qvtcd2f5fw26/eaLemfbWDRLTDhVZ/Wu/ukHs2mG3GzzRidZb+PZLf3PSf9PeXCDx66GGTPkPRwvO"
+    "5Q91eA5X7uCYnnjl4fpDpRLtswuk3x2qreDol/23f/8d8aIFBuEAgDR/yA=="
+)
+"""A GeoTIFF of 9 x 8 cells, packed, whose reference system has a unit of length that no table knows."""
+
+
+def test_proj_prints_nothing_itself(tmp_path, capfd):
+    pytest.importorskip("rasterio", reason="needs the extra gis")
+    (tmp_path / "dem.tif").write_bytes(zlib.decompress(base64.b64decode(STRANGE_UNITS)))
+    with pytest.raises(InputError, match=r"dem\.tif: found a place that the reference system"):
+        heights(tmp_path / "dem.tif")
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize(
+    "turn", [(1000.0, -3.5e-310), (4.3e-306, -1000.0), (1e300, -1000.0), (1e-11, -1e-11)]
+)
+def test_a_georeference_of_no_raster_is_refused(tmp_path, turn):
+    rasterio = pytest.importorskip("rasterio", reason="needs the extra gis")
+    path, (a, e) = tmp_path / "dem.tif", turn
+    profile = {
+        "driver": "GTiff",
+        "width": 9,
+        "height": 8,
+        "count": 1,
+        "dtype": "float32",
+        "crs": "EPSG:32632",
+    }
+    with rasterio.open(
+        path, "w", **profile, transform=rasterio.Affine(a, 0.0, 497500.0, 0.0, e, 4983000.0)
+    ) as file:
+        file.write(np.ones((1, 8, 9), dtype=np.float32))
+    with pytest.raises(InputError, match=r"dem\.tif: found a georeference that is none"):
+        heights(path)

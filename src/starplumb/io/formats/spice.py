@@ -23,8 +23,8 @@ from .spice_names import DEFAULT_IDS, FrameIds, frame_name
 
 _TT_MINUS_TAI_NS = 32_184_000_000
 _MOST_TDB_S = 6e9
-_MOST_SAMPLES = 2_500_000
-"""Nine months every 10 s, and a gigabyte while they are read."""
+_MOST_SAMPLES = 2_000_000
+"""Seven months every 10 s, and a gigabyte while they are read."""
 _SPK_STARTS = (b"DAF/SPK", b"NAIF/DAF")
 
 

@@ -6,6 +6,7 @@ addresses in the network.
 
 from __future__ import annotations
 
+import os
 import re
 import sys
 from collections.abc import Iterator, Sequence
@@ -74,7 +75,7 @@ def open_raster(path: Path) -> DatasetReader:
             found = "found a virtual raster, which names other files"
             raise InputError(f"{path}: {found}, wanted the raster itself (gdal_translate makes one of it)")
     try:
-        with quiet_gdal():  # rasterio.open takes one driver only
+        with quiet_gdal(), _no_lines():  # rasterio.open takes one driver only
             dataset = DatasetReader(str(path), driver=list(RASTERS))
             _require_own_files(path, dataset.files)
     except (RasterioError, RasterioIOError, CRSError, UnicodeDecodeError, ValueError, OverflowError):
@@ -119,6 +120,24 @@ def quiet_gdal() -> Iterator[None]:
             yield
     finally:
         sys.unraisablehook, sys.excepthook = hooks
+
+
+@contextmanager
+def _no_lines() -> Iterator[None]:
+    """Keep from the terminal what PROJ prints itself, past all logs, of a reference system that it cannot make out."""
+    try:
+        kept = os.dup(2)
+    except OSError:  # standard error is closed
+        yield
+        return
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 2)
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nowhere)
 
 
 def _require_own_files(path: Path, files: Sequence[str]) -> None:

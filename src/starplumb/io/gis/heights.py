@@ -41,6 +41,10 @@ _EDGE = 1e-6
 """Rounding, in cells, by which a point may seem to lie beyond the last cell's centre."""
 
 
+_LARGEST, _SMALLEST_CELL = 1e9, 1e-20
+"""Metres or degrees of a georeference, and the area of a cell in their squares: no raster is near them."""
+
+
 @dataclass(frozen=True)
 class Raster:
     """The first band of a raster, sampled at geographic places by bilinear interpolation between cell centres.
@@ -59,7 +63,7 @@ class Raster:
         turn = dataset.transform
         if dataset.crs is None or turn.is_identity:
             raise InputError(f"{path}: found no reference system, wanted a georeferenced raster")
-        if not (np.isfinite(turn[:6]).all() and 0.0 < abs(turn.determinant) < np.inf):
+        if not _is_of_this_earth(np.array(turn[:6])):
             raise InputError(
                 f"{path}: found a georeference that is none ({show(list(turn[:6]))}), wanted one"
             )
@@ -185,6 +189,12 @@ class Raster:
             x = left + np.mod(x - left, 360.0)
         t = ~self.dataset.transform
         return t.a * x + t.b * y + t.c - 0.5, t.d * x + t.e * y + t.f - 0.5
+
+
+def _is_of_this_earth(turn: Array) -> bool:
+    """Whether a, b, c, d, e, f of a georeference, in metres or degrees, are of cells that a raster can have."""
+    cell = abs(turn[0] * turn[4] - turn[1] * turn[3])
+    return bool(np.all(np.abs(turn) < _LARGEST) and cell > _SMALLEST_CELL)
 
 
 @dataclass(frozen=True)
