@@ -20,6 +20,7 @@ from starplumb.io.campaign.read import load_campaign
 from starplumb.io.formats.oem import read_oem
 from starplumb.io.formats.registry import ATTITUDES, ORBITS, Asked, recognised
 from starplumb.io.formats.sp3 import read_sp3
+from starplumb.io.formats.stk.series import read_stk_attitude
 from starplumb.io.gis.heights import surface
 from starplumb.io.gis.vector import read_points
 from starplumb.io.points.named import read_geojson_points
@@ -306,6 +307,15 @@ def test_more_trials_than_anyone_computes_are_refused_at_once():
     done = starplumb("simulate", "cubesat-6u", "--trials", 10**18)
     assert done.status == 2
     assert "--trials" in done.err
+
+
+@pytest.mark.parametrize("letters", [499, 20_000])
+def test_no_word_of_a_file_is_repeated_whole(tmp_path, letters):
+    path = tmp_path / "attitude.a"
+    path.write_text(f"stk.v.11.0\nBEGIN Attitude\nAttitudeTimeQu{'x' * letters}\nEND Attitude\n")
+    with pytest.raises(InputError) as refused:
+        read_stk_attitude(path)
+    assert len(str(refused.value)) < 1000 + len(str(tmp_path))
 
 
 STRANGE_UNITS = (

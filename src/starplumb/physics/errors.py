@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
+import re
+
+LONGEST_WORD = 500
+"""More than any path that somebody types."""
+_KEPT = 60
+_TOO_LONG = re.compile(rf"\S{{{LONGEST_WORD + 1},}}")
+
 
 class StarplumbError(Exception):
     """Base of every error starplumb raises on purpose; its text is meant for the user as it stands.
 
-    Of what it echoes of a file or its name, letters that a terminal would act upon are escaped.
+    Of what it echoes of a file or its name, letters that a terminal would act upon are escaped, and words of more than
+    :data:`LONGEST_WORD` letters cut, whichever reader repeats them.
     """
 
     def __init__(self, message: str = "") -> None:
+        message = _TOO_LONG.sub(lambda word: f"{word[0][:_KEPT]}...", message)
         super().__init__(message if message.isprintable() else "".join(map(_printable, message)))
 
 

@@ -23,8 +23,10 @@ from .spice_names import DEFAULT_IDS, FrameIds, frame_name
 
 _TT_MINUS_TAI_NS = 32_184_000_000
 _MOST_TDB_S = 6e9
-_MOST_SAMPLES = 2_000_000
-"""Seven months every 10 s, and a gigabyte while they are read."""
+_MOST_SAMPLES = 5_000_000
+"""A year and a half every 10 s."""
+_AT_ONCE = 50_000
+"""States asked for together: SPICE gives each as an object of its own."""
 _SPK_STARTS = (b"DAF/SPK", b"NAIF/DAF")
 
 
@@ -95,7 +97,11 @@ def read_spk(
         _require_few(path, spans, step_s)
         epochs = [_samples(span, step_s) for span in spans]
         tdb = np.concatenate([_tdb(span, t_ns) for span, t_ns in zip(spans, epochs, strict=True)])
-        states = np.array(spice.spkezr(str(body), tdb, "J2000", "NONE", "EARTH")[0]) * 1e3
+        states = np.empty((tdb.size, 6))
+        for at in range(0, tdb.size, _AT_ONCE):
+            part = slice(at, at + _AT_ONCE)
+            states[part] = spice.spkezr(str(body), tdb[part], "J2000", "NONE", "EARTH")[0]
+        states *= 1e3
     borders = np.cumsum([0, *map(len, epochs)]).tolist()
     return EphemerisTable(
         np.concatenate(epochs),
