@@ -20,7 +20,7 @@ from starplumb.io.campaign.read import load_campaign
 from starplumb.io.formats.oem import read_oem
 from starplumb.io.formats.registry import ATTITUDES, ORBITS, Asked, recognised
 from starplumb.io.formats.sp3 import read_sp3
-from starplumb.io.formats.stk.series import read_stk_attitude
+from starplumb.io.formats.stk.series import read_stk_attitude, read_stk_ephemeris
 from starplumb.io.gis.heights import surface
 from starplumb.io.gis.vector import read_points
 from starplumb.io.points.named import read_geojson_points
@@ -316,6 +316,17 @@ def test_no_word_of_a_file_is_repeated_whole(tmp_path, letters):
     with pytest.raises(InputError) as refused:
         read_stk_attitude(path)
     assert len(str(refused.value)) < 1000 + len(str(tmp_path))
+
+
+@pytest.mark.parametrize("odd", ["\x0b", "\x0c", "\x1c", "\x85", "\u2028"])
+def test_what_only_some_take_for_the_end_of_a_line_is_refused(tmp_path, odd):
+    """As the end of a line it would leave the unit without its value, and the orbit a thousand times too near."""
+    path = tmp_path / "orbit.e"
+    path.write_text(f"stk.v.11.0\nBEGIN Ephemeris\nDistanceUnit{odd} Kilometers\n", encoding="utf-8")
+    with pytest.raises(
+        InputError, match=rf"orbit\.e, line 3: found the control character U\+{ord(odd):04X}, wanted"
+    ):
+        read_stk_ephemeris(path)
 
 
 STRANGE_UNITS = (

@@ -73,13 +73,27 @@ def _read(path: Path) -> CsmModel:
     named = text.split("\n", 1)[0].strip() if not text.lstrip().startswith("{") else ""
     node = JsonNode.of(path, text.split("\n", 1)[1] if named and "\n" in text else text)
     if node.has("name_model"):
-        return read_isd(node)
+        return _with_optics(read_isd(node))
     name = named or node.text("m_modelName")
     if name not in (LINE_SCANNER, FRAME):
         raise InputError(f"{path}: found the sensor model {show(name)}, wanted {LINE_SCANNER} or {FRAME}")
-    return read_state(node, name)
+    return _with_optics(read_state(node, name))
 
 
+def _with_optics(model: CsmModel) -> CsmModel:
+    """The model; raises InputError where its pixels stand for no places in the focal plane."""
+    optics = model.optics
+    toward = np.array([optics.lines[1:], optics.samples[1:]])
+    if not (0.0 < abs(optics.focal_length) < np.inf and np.linalg.cond(toward) < _FLATTEST):
+        found = f"a focal length of {optics.focal_length:g} mm and the transformations {show(toward.ravel().tolist())}"
+        raise InputError(
+            f"{model.path}: found {found}, wanted those from the focal plane to two axes of pixels"
+        )
+    return model
+
+
+_FLATTEST = 1e6
+"""Condition of the transformation from the focal plane to pixels, some 1 where pixels are square."""
 _MOST_S = 6e9
 """Of seconds since 2000, which nanoseconds can count."""
 
