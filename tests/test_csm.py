@@ -247,6 +247,7 @@ FAULTS = {
     "a text": ({"m_nLines": "16"}, 'm_nLines: found "16", wanted a finite number'),
     "half a line": ({"m_nLines": 16.5}, "m_nLines: found 16.5, wanted a positive whole number"),
     "no step": ({"m_dtEphem": 0.0}, "m_dtEphem: found 0.0, wanted a positive number of seconds"),
+    "times of other lines": ({"m_intTimes": [0.1, 0.1]}, "m_intTimes: found"),
     "no depth": ({"m_focalLength": 0.0}, "found a focal length of 0 mm and the transformations"),
     "a flat plane": (
         {"m_iTransS": [0.0, 10.0, 0.0], "m_iTransL": [0.0, 10.0, 0.0]},

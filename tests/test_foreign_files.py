@@ -329,6 +329,26 @@ def test_what_only_some_take_for_the_end_of_a_line_is_refused(tmp_path, odd):
         read_stk_ephemeris(path)
 
 
+def test_blocks_far_larger_than_their_raster_are_refused(tmp_path):
+    """GDAL would take a gigabyte for one block of a damaged ERDAS raster of 9 x 8 cells."""
+    rasterio = pytest.importorskip("rasterio", reason="needs the extra gis")
+    path = tmp_path / "dem.img"
+    profile = {"driver": "HFA", "width": 9, "height": 8, "count": 1, "dtype": "float32", "crs": "EPSG:4326"}
+    with rasterio.open(
+        path, "w", **profile, transform=rasterio.Affine(0.01, 0.0, 9.0, 0.0, -0.01, 45.0)
+    ) as file:
+        file.write(np.ones((1, 8, 9), dtype=np.float32))
+    data = path.read_bytes()
+    # width, height, type, width and height of a block: the record Eimg_Layer
+    at = data.index(np.array([9, 8], "<i4").tobytes())
+    assert np.frombuffer(data, "<i4", 2, at + 12).tolist() == [64, 64]
+    path.write_bytes(data[: at + 12] + np.array([1 << 24, 64], "<i4").tobytes() + data[at + 20 :])
+    with pytest.raises(
+        InputError, match=r"dem\.img: found blocks of 16777216 x 64 cells in a raster of 9 x 8"
+    ):
+        heights(path)
+
+
 STRANGE_UNITS = (
     "eNrz9NRi4GBgYBBiYGBkZmAEsjiBmBHKBskwQdkKQMyMJM4GZYOwKBJbBolti8R2grIFgNgZie3CyAJmTwISrlD2cSAOhqphBmK+"
     "Zh4w/QyIm1p4GNiA9D8gXt/ODHaXHlDhxnYmBjkgOw/IblzCBFbTAzIABhz6HVBoAqAgVs4RRJsxBTvCxBjBLmJnYGCBsBmhNBPL"

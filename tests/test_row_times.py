@@ -144,6 +144,14 @@ def read(folder, rows, images="image_id,time,row_times\nIMG,2020-01-01T00:00:02,
             r"rows\.csv: found row 0 exposed 1 s after the time of the image",
         ),
         ("row\n0\n", r"rows\.csv.*wanted the column time"),
+        (
+            "row,time\n0,2020-01-01T00:00:02\n1e-300,2020-01-01T00:00:03\n",
+            r"rows\.csv, row 3, column row: found 1e-300, wanted rows that increase",
+        ),
+        (
+            "row,time\n0,2020-01-01T00:00:02\n1e200,2020-01-01T00:00:03\n",
+            r"rows\.csv, row 3, column row: found 1e\+?200, wanted a row from",
+        ),
     ],
 )
 def test_tables_of_rows_that_cannot_be_used(tmp_path, rows, message):

@@ -137,6 +137,7 @@ def test_all_mistakes_are_told_at_once_each_with_its_key(write):
         ((("yaw_deg = [0.0, 90.0, 0.0]", "yaw_deg = [0.0, 90.0]"),), "", "passes.0.yaw_deg: found 2 numbers"),
         ((("latitude_deg = 43.5", "latitude_deg = 95"),), "", "site.latitude_deg: found 95"),
         ((("latitude_deg = 43.5", "latitude_deg = 89.0"),), "", "inclination does not reach"),
+        ((("inclination_deg = 97.4", "inclination_deg = 0.0"),), "", "inclination does not reach"),
         ((("extent_km = [12.0, 10.0]", "extent_km = 400.0"),), "", "markers: found 0 in the images"),
         ((("time_s = 86400.0", "time_s = 1.0"),), "", "overlap"),
         ((('epoch = "2026-03-20T10:00:00"', 'epoch = "soon"'),), "", "soon"),

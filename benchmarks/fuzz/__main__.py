@@ -8,7 +8,7 @@ what the format is made of (numbers, times, words, lines, elements, counts in bi
 is a change that must not matter (ends of lines, comments, blanks, the same number spelt otherwise, packing).  The
 outcome of each is one of: refused (one printable line of at most so many letters that names the file), accepted and
 compared (with what the unchanged file gives, or with a second parser), accepted, or a fault: anything else, such as a
-traceback, a warning, a line of a library on the terminal, a file left behind, 10 s, 1.2 GB, or the end of the process.
+traceback, a warning, a line of a library on the terminal, a file left behind, 30 s, 1.2 GB, or the end of the process.
 The readers run in a process of their own, which is begun again behind a case that ended it.  Exit status 1 if there is
 a fault.
 """
@@ -29,7 +29,7 @@ from tempfile import TemporaryDirectory
 from worker import chosen, work
 
 KINDS = ("refused", "accepted, compared", "accepted", "fault")
-MOST_SECONDS = 10.0
+MOST_SECONDS = 30.0
 _TICK = os.sysconf("SC_CLK_TCK")
 
 

@@ -172,7 +172,7 @@ def _tried(target: Target, folder: Path, case: Case, expected: Any, channel: int
         os.ftruncate(channel, 0)
         os.lseek(channel, 0, os.SEEK_SET)
         reading = Reading("fault", f"{size} bytes on the terminal: {said!r}")
-    if seconds > 10.0:
+    if seconds > 30.0:
         reading = Reading("fault", f"{seconds:.0f} s")
     if _most_bytes() > MOST_BYTES:
         reading = Reading("fault", f"{_most_bytes() / 1e9:.1f} GB")

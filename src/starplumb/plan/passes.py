@@ -85,10 +85,10 @@ def pass_over(
     """
     p_J = geodetic_to_itrf(site[0], site[1], 0.0)
     p_I = orientation.C_IJ(np.int64(epoch_ns)) @ p_J
-    sine = p_I[2] / (np.linalg.norm(p_I) * np.sin(shape.inclination))
-    if abs(sine) > 1.0:
+    reach = np.linalg.norm(p_I) * np.sin(shape.inclination)
+    if reach == 0.0 or abs(p_I[2]) > abs(reach):
         raise InputError("the orbit's inclination does not reach the latitude of the site")
-    u = np.arcsin(sine) if ascending else np.pi - np.arcsin(sine)
+    u = np.arcsin(p_I[2] / reach) if ascending else np.pi - np.arcsin(p_I[2] / reach)
     east_of_node = np.arctan2(np.cos(shape.inclination) * np.sin(u), np.cos(u))
     place = np.array([np.arctan2(p_I[1], p_I[0]) - east_of_node, u - shape.perigee])
 

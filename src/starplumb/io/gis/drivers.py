@@ -61,6 +61,10 @@ _TEXTS = ("AAIGrid", "GRASSASCIIGrid", "GSAG", "XYZ", "USGSDEM")
 """Formats whose every cell takes more than a byte."""
 
 
+_MOST_BLOCK = 1 << 26
+"""Cells of a block, which GDAL holds in memory as a whole."""
+
+
 def open_raster(path: Path) -> DatasetReader:
     """A raster.  Raises InputError where the file is none, is a virtual one, or rasterio is not installed."""
     try:
@@ -84,6 +88,12 @@ def open_raster(path: Path) -> DatasetReader:
     if dataset.driver in _TEXTS and cells > size:
         found = f"found {dataset.width} x {dataset.height} cells in {size} bytes"
         raise InputError(f"{path}: {found}, wanted a whole grid")
+    for rows, columns in dataset.block_shapes:
+        if rows * columns > max(_MOST_BLOCK, 4 * cells):
+            found = (
+                f"found blocks of {columns} x {rows} cells in a raster of {dataset.width} x {dataset.height}"
+            )
+            raise InputError(f"{path}: {found}, wanted a whole raster")
     return dataset
 
 
@@ -101,7 +111,7 @@ def reading(path: Path) -> Iterator[None]:
     try:
         with quiet_gdal():
             yield
-    except (RasterioError, RasterioIOError, CRSError):
+    except (RasterioError, RasterioIOError, CRSError, UnicodeDecodeError):
         raise InputError(f"{path}: found a damaged raster, wanted one whose cells can be read") from None
 
 

@@ -18,6 +18,9 @@ _PERIODS_AGREE = 0.2
 """Relative difference up to which a stated line period is that of a table of rows."""
 
 
+_MOST_ROWS = 1e9
+
+
 def read_row_times(images: Table, t_ns: NDArray[np.int64], folder: Path, scale: str) -> tuple[RowTimes, ...]:
     """The tables in the column ``row_times`` of the images, relative to ``folder``.
 
@@ -44,7 +47,8 @@ def _read(images: Table, i: int, path: Path, name: str, t_ns: np.int64, scale: s
     steps = np.diff(times)
     if row.size < 2:
         raise InputError(f"{path}: found {row.size} row, wanted at least two")
-    table.require(np.append(True, np.diff(row) > 0.0), "row", "rows that increase")
+    table.require(np.abs(row) < _MOST_ROWS, "row", f"a row from -{_MOST_ROWS:g} to {_MOST_ROWS:g}")
+    table.require(np.append(True, np.diff(row) > 1.0 / _MOST_ROWS), "row", "rows that increase")
     one_way = np.append(True, steps > 0 if steps[0] > 0 else steps < 0)
     if not one_way.all():
         at = int(np.argmin(one_way))

@@ -84,7 +84,8 @@ def _with_optics(model: CsmModel) -> CsmModel:
     """The model; raises InputError where its pixels stand for no places in the focal plane."""
     optics = model.optics
     toward = np.array([optics.lines[1:], optics.samples[1:]])
-    if not (0.0 < abs(optics.focal_length) < np.inf and np.linalg.cond(toward) < _FLATTEST):
+    sound = 0.0 < abs(optics.focal_length) < np.inf and bool(np.all(np.abs(toward) < _STEEPEST))
+    if not sound or np.linalg.cond(toward) > _FLATTEST:
         found = f"a focal length of {optics.focal_length:g} mm and the transformations {show(toward.ravel().tolist())}"
         raise InputError(
             f"{model.path}: found {found}, wanted those from the focal plane to two axes of pixels"
@@ -92,8 +93,8 @@ def _with_optics(model: CsmModel) -> CsmModel:
     return model
 
 
-_FLATTEST = 1e6
-"""Condition of the transformation from the focal plane to pixels, some 1 where pixels are square."""
+_FLATTEST, _STEEPEST = 1e6, 1e9
+"""Condition of the transformation from the focal plane to pixels, some 1 where pixels are square, and pixels per mm."""
 _MOST_S = 6e9
 """Of seconds since 2000, which nanoseconds can count."""
 

@@ -28,9 +28,9 @@ def _line_scanner(state: JsonNode) -> CsmModel:
     center = state.number("m_centerEphemerisTime", 0.0)
     positions = state.numbers("m_positions", -1, 3)
     quaternions = state.numbers("m_quaternions", -1, 4)
-    lines = np.stack(
-        [state.numbers(key, -1) for key in ("m_intTimeLines", "m_intTimeStartTimes", "m_intTimes")], axis=-1
-    )
+    begins = state.numbers("m_intTimeLines", -1)
+    times = (state.numbers(key, begins.size) for key in ("m_intTimeStartTimes", "m_intTimes"))
+    lines = np.stack([begins, *times], axis=-1)
     # a line of the table begins at the time beside it and is exposed half its duration later
     lines[:, 1] += center + 0.5 * lines[:, 2]
     return CsmModel(
