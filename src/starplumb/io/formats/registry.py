@@ -16,7 +16,7 @@ import numpy as np
 
 from ...physics.errors import InputError
 from ...physics.orbit import velocity_fault
-from ..text.files import read_beginning, show, trouble
+from ..text.files import lines_of, read_beginning, show, trouble
 from ..text.numbers import whole
 from .series_tables import AttitudeTable, EphemerisTable
 
@@ -82,7 +82,7 @@ def _is_table(path: Path, start: str) -> bool:
     """Whether a file is a table by its beginning: binary, or a row of names with commas between; else by its ending."""
     if start.startswith(_BINARY_TABLES):
         return True
-    lines = (line for line in start.splitlines() if line.strip() and not line.lstrip().startswith("#"))
+    lines = (line for line in lines_of(start) if line.strip() and not line.lstrip().startswith("#"))
     cells = [cell.strip() for cell in next(lines, "").split(",")]
     named = len(cells) > 3 and all(re.match(r"[\"A-Za-z_]", cell) for cell in cells)
     return named or path.name.lower().removesuffix(".gz").removesuffix(".z").endswith(_TABLE_ENDINGS)
@@ -93,7 +93,7 @@ def _unknown(path: Path, start: str, formats: Sequence[Format[Series]]) -> Input
     every: tuple[Format[Any], ...] = (*ORBITS, *ATTITUDES)
     if other := next((known.name for known in every if known.begins(start)), None):
         return InputError(f"{path}: found a file of the format {other}, wanted a table or {names}")
-    line = next((line for line in start.splitlines() if line.strip()), "")
+    line = next((line for line in lines_of(start) if line.strip()), "")
     return InputError(f"{path}: found a file that begins with {show(line)}, wanted a table or {names}")
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from ...physics.errors import InputError
 from ...physics.units import DEG
 from ..gis.reference_system import datum_of, to_wgs84
-from ..text.files import read_text
+from ..text.files import lines_of, read_text
 from .ground_points import GroundPoints, finite, image_id
 
 _FIELDS = (
@@ -44,7 +44,7 @@ def read_asp(path: Path) -> GroundPoints:
     text = read_text(path)
     lines = [
         (at, re.split(r"[,\s]+", line.strip().strip(",")))
-        for at, line in enumerate(text.splitlines(), 1)
+        for at, line in enumerate(lines_of(text), 1)
         if line.strip() and not line.lstrip().startswith("#")
     ]
     if not lines:

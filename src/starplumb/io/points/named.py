@@ -9,7 +9,7 @@ from typing import Any
 
 from ...physics.errors import InputError
 from ..tables.read import read_table
-from ..text.files import read_text, show
+from ..text.files import lines_of, read_text, show
 from ..text.json_node import unique
 from .from_rows import from_rows
 from .ground_points import GroundPoints, Row
@@ -138,7 +138,5 @@ def _line(path: Path, layout: Layout, i: int, table: Any) -> Row:
 
 
 def _header(path: Path) -> list[str]:
-    lines = (
-        line for line in read_text(path).splitlines() if line.strip() and not line.lstrip().startswith("#")
-    )
+    lines = (line for line in lines_of(read_text(path)) if line.strip() and not line.lstrip().startswith("#"))
     return [cell.strip().strip('"') for cell in next(lines, "").split(",")]

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from ...physics.errors import InputError
-from ..text.files import read_text, show
+from ..text.files import lines_of, read_text, show
 from ..text.numbers import numbers
 from .from_rows import from_rows
 from .ground_points import GroundPoints, Row, finite, image_id
@@ -23,7 +23,7 @@ def read_odm(path: Path, crs: str | None = None) -> GroundPoints:
     """Points of a list whose first line is its reference system; ``crs`` goes before that line."""
     lines = [
         (at, line.strip())
-        for at, line in enumerate(read_text(path).splitlines(), 1)
+        for at, line in enumerate(lines_of(read_text(path)), 1)
         if line.strip() and not line.lstrip().startswith("#")
     ]
     if not lines or _is_point(lines[0][1]):

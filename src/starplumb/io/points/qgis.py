@@ -9,7 +9,7 @@ import numpy as np
 
 from ...physics.errors import InputError
 from ..tables.read import read_table
-from ..text.files import read_text
+from ..text.files import lines_of, read_text
 from .from_rows import from_rows
 from .ground_points import GroundPoints, Row, image_id
 
@@ -52,5 +52,5 @@ def read_qgis(path: Path, crs: str | None = None) -> GroundPoints:
 
 def _header(text: str) -> str:
     """The line that names the columns."""
-    lines = (line for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#"))
+    lines = (line for line in lines_of(text) if line.strip() and not line.lstrip().startswith("#"))
     return next(lines, "")

@@ -123,7 +123,7 @@ def unpacked_file(path: Path) -> Iterator[Path]:
 def read_text(path: Path) -> str:
     """Text of a UTF-8 file, a byte-order mark taken off, line ends as they are.
 
-    Raises InputError as ``read_bytes`` does, and for UTF-16, NUL, bytes that are not UTF-8 and odd ends of lines.
+    Raises InputError as ``read_bytes`` does, and for UTF-16, NUL and bytes that are not UTF-8.
     """
     data = read_bytes(path)
     if (encoding := _wide_encoding(data)) is not None:
@@ -131,22 +131,20 @@ def read_text(path: Path) -> str:
     if (at := data.find(0)) >= 0:
         raise InputError(f"{path}, line {_line(data, at)}: found a NUL byte, wanted UTF-8 text")
     try:
-        text = data.decode("utf-8-sig")
+        return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         where, byte = _line(data, error.start), data[error.start]
         raise InputError(f"{path}, line {where}: found the byte 0x{byte:02X}, wanted UTF-8 text") from None
-    if odd := _ODD_BREAK.search(text):
-        where = text.count("\n", 0, odd.start()) + 1
-        raise InputError(
-            f"{path}, line {where}: found the control character U+{ord(odd[0]):04X}, "
-            "wanted lines that end in a line feed"
-        )
-    return text
 
 
-_ODD_BREAK = re.compile("[\x0b\x0c\x1c\x1d\x85\u2028\u2029]|(?<=[^\n\r])\x1e")
-"""What some programs take for the end of a line and others do not: a value would stand on the next line, or not.
-A record separator may begin a line, as in sequences of JSON texts."""
+def lines_of(text: str) -> list[str]:
+    """Lines that end in LF, CR LF or CR.
+
+    ``splitlines`` ends them at form feeds and other letters too, which editors show within a line: a key would stand on
+    one line and its value on the next.
+    """
+    lines = re.split(r"\r\n|\n|\r", text)
+    return lines[:-1] if not lines[-1] else lines
 
 
 def _line(data: bytes, at: int) -> int:

@@ -11,7 +11,7 @@ from pathlib import Path
 from xml.etree.ElementTree import Element, SubElement
 
 from ...physics.errors import InputError
-from .files import read_text, show
+from .files import lines_of, read_text, show
 from .tree import MAX_BYTES, Node
 
 _TOKEN = re.compile(
@@ -75,5 +75,5 @@ def _unsound(path: Path, text: str, at: int) -> InputError:
     if at >= len(text):
         return InputError(f"{path}: found its end without END;, wanted the whole file")
     line = text.count("\n", 0, at) + 1
-    found = text[at:].splitlines()[0]
+    found = lines_of(text[at:])[0]
     return InputError(f"{path}, line {line}: found {show(found)}, wanted key = value; or a closed group")

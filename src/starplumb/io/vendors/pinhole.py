@@ -21,7 +21,7 @@ from ...physics.camera import Distortion, FrameCamera
 from ...physics.errors import InputError
 from ...physics.light import Corrections
 from ..gis.drivers import open_raster
-from ..text.files import read_text, show
+from ..text.files import lines_of, read_text, show
 from ..text.json_node import JsonNode
 from ..text.numbers import numbers
 from .vendor import Detectors, Product
@@ -111,7 +111,7 @@ def _require_sound(path: Path, pinhole: _Pinhole) -> None:
 
 
 def _tsai(path: Path, text: str) -> _Pinhole:
-    lines = [line.strip() for line in text.splitlines() if line.strip()]
+    lines = [line.strip() for line in lines_of(text) if line.strip()]
     values: dict[str, str] = {}
     for key, _, value in (line.partition("=") for line in lines if "=" in line):
         if values.setdefault(key.strip(), value) is not value:

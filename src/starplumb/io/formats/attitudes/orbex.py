@@ -16,7 +16,7 @@ import numpy as np
 
 from ....physics import timescales
 from ....physics.errors import EpochError, InputError
-from ...text.files import read_text, show
+from ...text.files import lines_of, read_text, show
 from ...text.frames import EarthFrame
 from ...text.numbers import numbers
 from ..quaternions import unit
@@ -71,7 +71,7 @@ def _lines(path: Path) -> Iterator[tuple[int, str, str]]:
     """Lines of content with their numbers and the name of their block. A file must not break off within one."""
     block = ""
     at = 0
-    for at, line in enumerate(read_text(path).splitlines(), 1):
+    for at, line in enumerate(lines_of(read_text(path)), 1):
         if line.startswith("+"):
             block = line[1:].strip()
         elif line.startswith("-"):

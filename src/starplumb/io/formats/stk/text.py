@@ -12,7 +12,7 @@ import numpy as np
 
 from ....physics import timescales
 from ....physics.errors import EpochError, InputError
-from ...text.files import read_text, show
+from ...text.files import lines_of, read_text, show
 from ...text.numbers import decimal
 from ...text.numbers import numbers as all_numbers
 from ..series_tables import EpochArray, FloatArray, Rows
@@ -95,7 +95,7 @@ def _require_whole(file: StkFile, block: str, ends_a_line: bool) -> None:
 
 def _meaningful(text: str) -> Iterator[tuple[int, str]]:
     """Lines with their numbers, without comments and blank ones."""
-    for at, line in enumerate(text.splitlines(), 1):
+    for at, line in enumerate(lines_of(text), 1):
         stripped = line.split("#", 1)[0].strip()
         if stripped:
             yield at, stripped
