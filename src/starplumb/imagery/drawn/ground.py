@@ -67,7 +67,7 @@ class Ground:
         if look.changed <= 0.0:
             return now
         level = _level_above(look.changed)
-        patch = octaves(self.seed + 31 * look.seed + 5, 30.0 * self.detail, 60.0 * self.detail, 0.0, x, y)
+        patch = octaves(self.seed + 31 * look.seed + 5, 60.0 * self.detail, 120.0 * self.detail, 0.0, x, y)
         changed = smooth_step((patch - level) / 0.05)
         if not changed.any():
             return now

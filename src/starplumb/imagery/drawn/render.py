@@ -27,7 +27,7 @@ Places = Callable[[Array, Array], tuple[Array, Array]]
 
 FINER = 2
 """Finer pixels along each side of a pixel."""
-BLOCK = 192
+BLOCK = 320
 """Rows and columns of pixels that are drawn at a time."""
 NODES_PX = 4.0
 """Pixels between the lines of sight that are followed to the terrain; between them the ground is smooth."""
