@@ -13,6 +13,7 @@ from ..imagery.drawn.ground import Ground, Look
 from ..imagery.drawn.plane import Plane
 from ..imagery.drawn.relief import ErrorField, relief
 from ..imagery.drawn.render import Sensor, View, picture
+from ..imagery.drawn.sheet import Sheet
 from ..imagery.drawn.sky import Sky
 from ..physics import so3
 from ..physics.camera import FrameCamera
@@ -29,24 +30,30 @@ from .demo import EPOCH, ORBIT
 
 Array = NDArray[np.float64]
 
-SIZE_PX = 560
-PIXEL_M = 2.8
+SIZE_PX = 480
+FOCAL_M, PITCH_M = 0.44, 9e-6
+PIXEL_M = 14.0
 """Size of a pixel on the ground straight below; the orthoimage has the same."""
 TIMES_S = np.array([-22.0, -8.0, 7.0, 21.0])
-SIGMA_MOUNTING = np.array([100.0, 100.0, 300.0]) * ARCSEC
+SIGMA_MOUNTING = np.array([300.0, 300.0, 600.0]) * ARCSEC
 SIGMAS = scene.Sigmas(
     attitude=np.array([3.0, 3.0, 12.0]) * ARCSEC,
     position=np.array([3.0, 3.0, 3.0]),
-    landmark=np.array([0.6, 0.6, 2.0]),
+    landmark=np.array([0.5, 0.5, 3.0]),
     pixel=0.1,
 )
 """``landmark`` is the error of the orthoimage and of the heights, shared over LENGTH_M."""
-LENGTH_M = 400.0
-REACH_M = 1500.0
+LENGTH_M = 1000.0
+REACH_M = 5600.0
 """Half the side of the orthoimage."""
-POST_M, LOW_M, HILLS_M = 30.0, 150.0, 60.0
+RIM_M = 300.0
+"""How much farther ground is drawn: for splines, and for the errors of the orthoimage."""
+EDGE_M = 20e3
+"""Half the side of the ground that has heights: the lines of sight of tilted images are looked for there."""
+POST_M, LOW_M, HILLS_M = 90.0, 150.0, 120.0
 CLOUD = (0.1, 0.35, 0.2, 0.3)
-CHANGED, SEASON = 0.06, 0.2
+THEN = Look(season=0.2, changed=0.06, seed=1)
+"""What has become of the ground since the orthoimage was made."""
 SPACING = 1.0
 """Coarse for the sake of time: the images then err by 0.002 px."""
 
@@ -71,27 +78,30 @@ def drawn_demo(seed: int = 1) -> DrawnDemo:
     rng = np.random.default_rng(seed)
     truth, plane = _flown()
     ground = Ground(seed, 0.6 * PIXEL_M)
-    side = (-REACH_M, REACH_M)
-    terrain = relief(seed, plane, (-4e3, 4e3), (-4e3, 4e3), POST_M, LOW_M, HILLS_M)
-    view = View(truth, truth.C_EK, terrain, plane, ground, SPACING)
+    terrain = relief(seed, plane, (-EDGE_M, EDGE_M), (-EDGE_M, EDGE_M), POST_M, LOW_M, HILLS_M)
+    now = Sheet.of(ground, REACH_M + RIM_M, THEN, SPACING)
+    view = View(truth, truth.C_EK, terrain, plane, now, SPACING)
     raws = tuple(_raw(view, image, seed, rng) for image in range(TIMES_S.size))
-    x = np.arange(-REACH_M, REACH_M, PIXEL_M)
+    side = (-REACH_M, REACH_M)
     east, north, up = (ErrorField.draw(rng, s, LENGTH_M, side, side) for s in SIGMAS.landmark)
-    ortho = _ortho(ground, x, east, north)
-    latitude, longitude = plane.geodetic(np.array([x[0], x[1]]), np.array([x[-1], x[-2]]))
-    step = (float(longitude[1] - longitude[0]) / DEG, float(latitude[0] - latitude[1]) / DEG)
+    x = np.arange(-REACH_M, REACH_M, PIXEL_M)
     C_EK_model = so3.exp(rng.normal(0.0, SIGMA_MOUNTING)) @ truth.C_EK
+    measured = scene.measured(truth, Errors.draw(observe(truth), rng), C_EK_model)
     return DrawnDemo(
-        replace(
-            scene.measured(truth, Errors.draw(observe(truth), rng), C_EK_model), sigma_mounting=SIGMA_MOUNTING
-        ),
+        replace(measured, sigma_mounting=SIGMA_MOUNTING),
         truth.C_EK,
         raws,
-        ortho,
-        (float(longitude[0]) / DEG, float(latitude[0]) / DEG),
-        step,
+        _ortho(Sheet.of(ground, REACH_M + RIM_M, spacing=SPACING), x, east, north),
+        *_corner(plane, x),
         _surveyed(terrain, plane, up),
     )
+
+
+def _corner(plane: Plane, x: Array) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Longitude and latitude, deg, of the north-western pixel of the orthoimage, and the size of its pixels."""
+    latitude, longitude = plane.geodetic(x[:2], x[:-3:-1])
+    corner = float(longitude[0]) / DEG, float(latitude[0]) / DEG
+    return corner, (float(np.ptp(longitude)) / DEG, float(np.ptp(latitude)) / DEG)
 
 
 def _flown() -> tuple[Campaign, Plane]:
@@ -104,11 +114,10 @@ def _flown() -> tuple[Campaign, Plane]:
     latitude, longitude, _ = itrf_to_geodetic(below + 50e3 * aside)
     plane = Plane(float(latitude[0]), float(longitude[0]))
     site = geodetic_to_itrf(plane.latitude, plane.longitude, LOW_M + 3.0 * HILLS_M)
-    flight = scene.Pass(
-        TIMES_S, np.tile(site, (TIMES_S.size, 1)), 0.5 * np.pi * (np.arange(TIMES_S.size) % 2)
-    )
+    turns: Array = np.arange(TIMES_S.size, dtype=np.float64) % 2
+    flight = scene.Pass(TIMES_S, np.tile(site, (TIMES_S.size, 1)), 0.5 * np.pi * turns)
     middle = 0.5 * (SIZE_PX - 1.0)
-    camera = FrameCamera(2.2, 9e-6, (middle, middle), (SIZE_PX, SIZE_PX))
+    camera = FrameCamera(FOCAL_M, PITCH_M, (middle, middle), (SIZE_PX, SIZE_PX))
     C_EK = so3.exp(DEG * np.array([0.3, -0.8, 91.0]))
     name = "drawn ground"
     flown = scene.photograph(
@@ -119,13 +128,12 @@ def _flown() -> tuple[Campaign, Plane]:
 
 def _raw(view: View, image: int, seed: int, rng: np.random.Generator) -> NDArray[np.uint16]:
     sensor = Sensor()
-    look = Look(season=SEASON, changed=CHANGED, seed=10 * seed + image + 1)
     sky = Sky(CLOUD[image], seed=100 * seed + image, size_px=128.0, shadow_px=(24.0, 18.0))
-    seen = view.brightness(image, (SIZE_PX, SIZE_PX), sensor.psf_px, look, sky)
+    seen = view.brightness(image, (SIZE_PX, SIZE_PX), sensor.psf_px, THEN, sky)
     return sensor.expose(seen, rng)
 
 
-def _ortho(ground: Ground, x: Array, east: ErrorField, north: ErrorField) -> NDArray[np.uint8]:
+def _ortho(ground: Sheet, x: Array, east: ErrorField, north: ErrorField) -> NDArray[np.uint8]:
     """Grey values 1 to 255, the northernmost row first, of ground that seems to lie where it does not quite."""
 
     def places(column: Array, row: Array) -> tuple[Array, Array]:
@@ -140,9 +148,9 @@ def _ortho(ground: Ground, x: Array, east: ErrorField, north: ErrorField) -> NDA
 
 def _surveyed(terrain: Terrain, plane: Plane, up: ErrorField) -> Terrain:
     """The heights below the orthoimage, with the error of their survey."""
-    rows, columns = terrain.height.shape
-    latitude = terrain.latitude + terrain.step[0] * np.arange(rows)
-    longitude = terrain.longitude + terrain.step[1] * np.arange(columns)
+    rows, columns = (np.arange(count, dtype=np.float64) for count in terrain.height.shape)
+    latitude = terrain.latitude + terrain.step[0] * rows
+    longitude = terrain.longitude + terrain.step[1] * columns
     x, y = plane.metres(latitude, longitude)
     chosen = [np.abs(values) <= REACH_M for values in (x, y)]
     error = up.at(x[chosen[0]], y[chosen[1]][::-1])[::-1]

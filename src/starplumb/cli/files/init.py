@@ -11,6 +11,8 @@ import typer
 from ..options.complete import scenarios
 from ..output import Json, Output, Quiet, Verbose
 
+IMAGES = 8
+
 
 class Kind(StrEnum):
     """Cameras of the example."""
@@ -24,10 +26,16 @@ def init(
     camera: Annotated[Kind, typer.Option("--camera", help="Camera of the example.")] = Kind.FRAME,
     images: Annotated[
         int, typer.Option("--images", "-n", metavar="COUNT", min=1, max=40, help="Number of images.")
-    ] = 8,
+    ] = IMAGES,
     seed: Annotated[
         int, typer.Option("--seed", "-s", metavar="NUMBER", min=0, help="Seed of the simulated errors.")
     ] = 1,
+    imagery: Annotated[
+        bool,
+        typer.Option(
+            "--imagery", help="Raw images of drawn ground with an orthoimage and heights, for `measure`."
+        ),
+    ] = False,
     template: Annotated[
         bool, typer.Option("--template", help="A campaign without data, with every key explained.")
     ] = False,
@@ -55,6 +63,9 @@ def init(
       starplumb init demo && starplumb calibrate demo/campaign.toml
 
       \b
+      starplumb init photos --imagery && starplumb measure photos/campaign.toml --calibrate
+
+      \b
       starplumb init mine --template
 
       \b
@@ -63,7 +74,17 @@ def init(
     from ...physics.errors import InputError
     from ...session.beginning import require_new, schema_text, write_scenario, write_template
     from ...session.campaign import write_demo
+    from ...session.imagery.example import require_alone, write_drawn_example
 
+    if imagery:
+        require_alone(
+            {
+                "--template": template,
+                "--scenario": scenario is not None,
+                "--camera": camera != Kind.FRAME,
+                "--images": images != IMAGES,
+            }
+        )
     if template and scenario is not None:
         raise InputError("--scenario: found beside --template, wanted only one of the two")
     require_new(folder)
@@ -76,6 +97,13 @@ def init(
         path = write_scenario(folder, scenario)
         speak.document({"scenario": str(path)})
         told = [f"wrote {path}", f"next: starplumb budget {path}"]
+    elif imagery:
+        path, count = write_drawn_example(folder, seed, schema_text("campaign"))
+        speak.document({"campaign": str(path), "images": count})
+        told = [
+            f"wrote {path}: {count} raw images of drawn ground with a reference, the true mounting known",
+            f"next: starplumb measure {path} --calibrate",
+        ]
     else:
         path, data = write_demo(folder, camera.value, images, seed, schema_text("campaign"))
         speak.document(

@@ -26,12 +26,12 @@ def document_text(sections: Sections, head: str = "") -> str:
     for name, keys in sections:
         array = name.removeprefix("[").removesuffix("]")
         if array == name:
-            document.add(name, _section(keys))
+            document.add(name, _section(keys, name))
         else:
             if array not in document:
                 document.add(tomlkit.nl())
                 document.add(array, tomlkit.aot())
-            document[array].append(_section(keys))
+            document[array].append(_section(keys, array))
     return tomlkit.dumps(document)
 
 
@@ -50,22 +50,27 @@ def in_unit(value: float | Array, unit: float) -> list[float] | float:
 
 
 _COMMENTS = {
+    "imagery.files": "one for each image of images.csv",
+    "imagery.saturation_dn": "the value of a pixel that is full",
+    "reference.sigma_m": "east and north of the orthoimage, up of the heights",
+    "reference.correlation_length_m": "over which these errors are alike",
     "quaternion_xyzw": "scalar last; takes camera coordinates to the star tracker's",
-    "sigma_m": "one image's markers share it",
+    "ephemeris.sigma_m": "one image's markers share it",
     "image_size_px": "columns, rows",
     "principal_point_px": "column, row; (0, 0) is the centre of the first pixel",
     "aberration": "false where the attitude contains it already",
 }
 
 
-def _section(keys: Mapping[str, object]) -> Table:
+def _section(keys: Mapping[str, object], name: str) -> Table:
     import tomlkit
 
     section = tomlkit.table()
     for key, value in keys.items():
         item = tomlkit.item(_value(value))
-        if key in _COMMENTS:
-            item.comment(_COMMENTS[key])
+        comment = _COMMENTS.get(f"{name}.{key}", _COMMENTS.get(key))
+        if comment is not None:
+            item.comment(comment)
         section.add(key, item)
     return section
 

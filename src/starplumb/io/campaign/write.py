@@ -52,7 +52,9 @@ def write_campaign(
     covariances that are not along east, north, up, and for an attitude covariance that is not along E's axes.
     """
     files = campaign_files(campaign, time_scale, detections)
-    sections = _sections(campaign, time_scale, tracker, "detections" if detections else "observations")
+    sections = campaign_sections(
+        campaign, time_scale, tracker, "detections" if detections else "observations"
+    )
     if C_EK_true is not None:
         sections = [*sections, ("truth", {"quaternion_xyzw": so3.to_quaternion(C_EK_true)})]
     text = document_text(sections, comment)
@@ -188,7 +190,10 @@ def _detections(images: tuple[str, ...], d: Detections) -> str:
     return csv_text(("image_id", "column_px", "row_px", *sigma), (names, d.column_px, d.row_px, *noise))
 
 
-def _sections(campaign: Campaign, scale: str, tracker: str, measured: str) -> Sections:
+def campaign_sections(
+    campaign: Campaign, scale: str, tracker: str = "star_tracker", measured: str = "observations"
+) -> Sections:
+    """The sections of a campaign.toml whose tables are those of :func:`campaign_files`."""
     ephemeris = {
         "file": "ephemeris.csv",
         "frame": campaign.position_frame,

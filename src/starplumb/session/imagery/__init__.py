@@ -1,1 +1,1 @@
-"""What a session says of mountings that move."""
+"""From raw images: measuring, and an example of it."""
