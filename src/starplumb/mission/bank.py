@@ -112,20 +112,17 @@ class Bank:
         """After a campaign at this time with the rotation y (..., d) of covariance R (d, d), and the probability (...)
         that the mounting had jumped."""
         H, d = self.looks, self.d
+        jump = self.jump**2 * np.eye(d)
         v = y[..., None, :] - self.x @ H.T
-        PH = self.P @ H.T
-        S = H @ PH + R
-        still = _updated(self, v, PH, S)
-        jumped = PH.copy()
-        jumped[..., :d, :] += self.jump**2 * np.eye(d)
-        moved = replace(self, P=self.P.copy())
-        moved.P[..., :d, :d] += self.jump**2 * np.eye(d)
-        moved = _updated(moved, v, jumped, S + self.jump**2 * np.eye(d))
-        a, b = still.log + np.log1p(-chance), moved.log + np.log(chance)
+        P = np.stack([self.P, self.P])  # as if nothing had jumped, and as if the level had
+        P[1, ..., :d, :d] += jump
+        PH = P @ H.T
+        x, P, density = _updated(self.x, P, v, PH, H @ PH + R)
+        a, b = density[0] + np.log1p(-chance), density[1] + np.log(chance)
         log = np.logaddexp(a, b)
         w = np.exp(b - log)
-        merged = _merged(still, moved, w)
-        after = replace(merged, log=self.log + log)
+        x_merged, P_merged = _merged(x, P, w)
+        after = replace(self, x=x_merged, P=P_merged, log=self.log + log)
         return after, np.sum(after.weights * w, axis=-1)
 
     @property
@@ -166,20 +163,18 @@ class Bank:
         return dict(sorted(found.items(), key=lambda item: -item[1]))
 
 
-def _updated(bank: Bank, v: Array, PH: Array, S: Array) -> Bank:
-    """Kalman's update by innovations v; ``log`` is that of their density."""
-    K = np.linalg.solve(S, PH.mT).mT
-    x = bank.x + (K @ v[..., None])[..., 0]
-    P = bank.P - K @ PH.mT
-    whitened = np.linalg.solve(S, v[..., None])[..., 0]
-    log = -0.5 * (np.sum(v * whitened, axis=-1) + np.linalg.slogdet(S)[1])
-    return replace(bank, x=x, P=(P + P.mT) / 2.0, log=log)
+def _updated(x: Array, P: Array, v: Array, PH: Array, S: Array) -> tuple[Array, Array, Array]:
+    """Kalman's update of ``x``, ``P`` by innovations v of covariance S, and the logarithm of the density of v."""
+    W = np.linalg.inv(S)
+    K = PH @ W
+    after = P - K @ PH.mT
+    log = -0.5 * (np.einsum("...i,...ij,...j->...", v, W, v) + np.linalg.slogdet(S)[1])
+    return x + (K @ v[..., None])[..., 0], (after + after.mT) / 2.0, log
 
 
-def _merged(a: Bank, b: Bank, w: Array) -> Bank:
-    """Mean and covariance of two answers, the second with weight w (..., h)."""
-    apart = b.x - a.x
-    x = a.x + w[..., None] * apart
+def _merged(x: Array, P: Array, w: Array) -> tuple[Array, Array]:
+    """Mean and covariance of two answers ``x`` (2, ...), ``P`` (2, ...), the second with weight w (..., h)."""
+    apart = x[1] - x[0]
     spread = (w * (1.0 - w))[..., None, None] * apart[..., :, None] * apart[..., None, :]
-    P = (1.0 - w)[..., None, None] * a.P + w[..., None, None] * b.P + spread
-    return replace(a, x=x, P=P)
+    weight = w[..., None, None]
+    return x[0] + w[..., None] * apart, (1.0 - weight) * P[0] + weight * P[1] + spread

@@ -99,11 +99,10 @@ def _regressed(found: Trend, F: Array) -> tuple[Array, Array]:
     V = C @ C.T + np.kron(float(found.bank.wander) * np.minimum(t[:, None], t), np.eye(3))
     rows = 3 * np.arange(m)[:, None, None] + np.arange(3)[:, None]
     V[rows, rows.mT] += found.points.own_E
-    L = np.linalg.cholesky(V)
-    X = np.linalg.solve(L, np.kron(F, np.eye(3)))
-    y = np.linalg.solve(L, found.points.value_E.reshape(-1))
-    P = np.linalg.inv(X.T @ X)
-    return P @ (X.T @ y), P
+    X, y = np.kron(F, np.eye(3)), found.points.value_E.reshape(-1)
+    W = np.linalg.solve(V, np.column_stack([X, y]))
+    P = np.linalg.inv(X.T @ W[:, :-1])
+    return P @ (X.T @ W[:, -1]), P
 
 
 def _change(found: Trend, kind: str, c: Array, P: Array) -> Change:

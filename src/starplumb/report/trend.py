@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from datetime import datetime
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,6 +21,8 @@ AXES = ("x", "y", "z")
 HALF_68 = 0.9944578832
 """Half-width of the 68 % interval of a normal distribution, in sigmas."""
 HALF_95 = 1.959963985
+CLOSE = 100
+"""Campaigns from which on their dots and bars are drawn smaller."""
 LISTED = 60
 """Campaigns in the table: of more the last."""
 TONES: Mapping[str, Tone] = {"keep": "good", "issue": "fair", "calibrate": "bad"}
@@ -86,17 +87,15 @@ def _evidence(d: Document) -> str:
     return f"Models of the motion between jumps, by how well each foretold the next campaign: {kinds}."
 
 
-def _years(times: Sequence[str]) -> Array:
-    """Times as decimal years."""
-    found = [datetime.fromisoformat(time) for time in times]
-    days = [(t - datetime(t.year, 1, 1)).total_seconds() / 86400.0 for t in found]
-    return np.array([t.year + day / 365.25 for t, day in zip(found, days, strict=True)])
+def _dates(times: Sequence[str]) -> Array:
+    """Times as days, the way that the axis of dates counts them."""
+    return np.array(times, dtype="datetime64[ms]").astype(np.float64) / 86_400e3
 
 
 def _figure(d: Document, k: int) -> Figure:
     """One axis against time."""
     points, ahead, axis = d["points"], d["forecast"], AXES[k]
-    t = _years([p["time"] for p in points])
+    t = _dates([p["time"] for p in points])
     value, sigma, line, band = (
         np.array([p[name][k] for p in points])
         for name in ("value_arcsec", "sigma_arcsec", "trend_arcsec", "trend_sigma_arcsec")
@@ -105,26 +104,34 @@ def _figure(d: Document, k: int) -> Figure:
         _bands(axes, t, line, band, "-")
         _bands(
             axes,
-            _years([f["time"] for f in ahead]),
+            _dates([f["time"] for f in ahead]),
             np.array([f["value_arcsec"][k] for f in ahead]),
             np.array([f["sigma_arcsec"][k] for f in ahead]),
             "--",
         )
-        axes.errorbar(t, value, sigma, fmt="o", ms=3.0, lw=0.8, color=SERIES[1], label="campaigns")
+        thin = min(1.0, CLOSE / t.size)
+        axes.errorbar(t, value, sigma, fmt="o", ms=1.0 + 2.0 * thin, lw=0.8 * thin, color=SERIES[1])
         for event in d["events"]:
-            axes.axvline(float(_years([event["time"]])[0]), color=MUTED, lw=0.8, ls=":")
+            axes.axvline(float(_dates([event["time"]])[0]), color=MUTED, lw=0.8, ls=":")
         for one in d["issued"]:
-            axes.axvline(float(_years([one["from"]])[0]), color=SERIES[2], lw=0.8, ls="-.")
-        axes.set_xlabel("year")
+            axes.axvline(float(_dates([one["from"]])[0]), color=SERIES[2], lw=0.8, ls="-.")
         axes.set_ylabel(f"about {axis}, arcsec")
-        axes.ticklabel_format(axis="x", useOffset=False)
-        axes.locator_params(axis="x", nbins=5)
+        _as_dates(axes)
     ends = f"{value.min():.2f} to {value.max():.2f} arcsec in {value.size} campaigns"
     alt = f"The mounting about {axis} against time: {ends}."
     marks = (
         "; dotted: events; dash-dotted: from when a mounting was issued" if d["events"] or d["issued"] else ""
     )
     return Figure(figure, f"trend-{axis}", alt, f"About {axis} of the star tracker, from the mean{marks}.")
+
+
+def _as_dates(axes: Axes) -> None:
+    from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
+
+    ticks = AutoDateLocator(minticks=3, maxticks=6)
+    axes.xaxis.set_major_locator(ticks)
+    axes.xaxis.set_major_formatter(ConciseDateFormatter(ticks))
+    axes.set_xlabel("date (UTC)")
 
 
 def _bands(axes: Axes, t: Array, line: Array, sigma: Array, style: str) -> None:

@@ -7,6 +7,7 @@ import sqlite3
 import zlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -242,38 +243,70 @@ def equations_of(database: sqlite3.Connection, entry: Entry) -> Equations:
     """The normal equations of a campaign about the mounting of its result, what its images share under names that are
     its own."""
     campaign = entry.id
-    known = database.execute(
+    rows = database.execute(
         "SELECT name, reference, expected, covariance FROM unknown WHERE campaign = ? ORDER BY rowid",
         (campaign,),
-    )
-    blocks = {}
-    for name, reference, expected, covariance in known:
-        size = _numbers(reference).size
-        P = None if covariance is None else _numbers(covariance).reshape(size, size)
-        blocks[own_name(name, campaign)] = Known(_numbers(reference), _numbers(expected), P)
+    ).fetchall()
+    names = [own_name(name, campaign) for name, *_ in rows]
+    blocks = dict(zip(names, _known([row[1:] for row in rows]), strict=True))
     if "mounting" not in blocks:
         raise ValueError("normal equations without the mounting")
     return summed(entry.C_EK, blocks, _images(database, campaign))
 
 
+def _known(rows: Sequence[tuple[bytes, bytes, bytes | None]]) -> Iterator[Known]:
+    """What is known of unknowns beforehand, all numbers of a campaign read at once."""
+    parts = [part for row in rows for part in row if part is not None]
+    if not all(isinstance(part, bytes) and len(part) % 8 == 0 for part in parts):
+        raise ValueError("numbers that are missing")
+    ends = np.cumsum([len(part) // 8 for part in parts])
+    numbers = iter(np.split(_numbers(b"".join(parts)), ends[:-1]))
+    for _, _, covariance in rows:
+        reference, expected = next(numbers), next(numbers)
+        P = None if covariance is None else next(numbers).reshape(reference.size, reference.size)
+        yield Known(reference, expected, P)
+
+
 def _images(
     database: sqlite3.Connection, campaign: str
 ) -> Iterator[tuple[list[str], Array, Array, float, int]]:
+    """Equations of a campaign's images, those over the same unknowns already summed."""
     rows = database.execute(
         "SELECT names_json, information, vector, constant, count FROM normal WHERE campaign = ? ORDER BY rowid",
         (campaign,),
     )
-    for names, information, vector, constant, count in rows:
-        b = _numbers(vector)
-        N = np.zeros((b.size, b.size))
-        N[np.triu_indices(b.size)] = _numbers(information)
+    alike: dict[str, list[tuple[bytes, bytes, float, int]]] = {}
+    for names, *equations in rows:
+        alike.setdefault(names, []).append(tuple(equations))
+    for names, some in alike.items():
+        information, vectors, constants, counts = zip(*some, strict=True)
+        b = _rows(vectors)
         yield (
             [own_name(name, campaign) for name in json.loads(names)],
-            N + np.triu(N, 1).T,
-            b,
-            constant,
-            count,
+            _square(_rows(information).sum(axis=0), b.shape[1]),
+            b.sum(axis=0),
+            sum(constants),
+            sum(counts),
         )
+
+
+def _rows(data: Sequence[bytes]) -> Array:
+    """Numbers of several rows of one length.  Raises ValueError for what can be none."""
+    if not all(isinstance(row, bytes) for row in data):
+        raise ValueError("numbers that are missing")
+    return _numbers(b"".join(data)).reshape(len(data), -1)
+
+
+def _square(upper: Array, n: int) -> Array:
+    """A symmetric matrix (n, n) from its upper triangle, row by row."""
+    N = np.zeros((n, n))
+    N[_upper(n)] = upper
+    return np.asarray(N + np.triu(N, 1).T)
+
+
+@lru_cache(maxsize=64)
+def _upper(n: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    return np.triu_indices(n)
 
 
 def own_name(name: str, campaign: str) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...documents.numbers import numbers
 from ...io.archive import records
@@ -54,22 +55,29 @@ def trend_document(of: Known, at_ns: int | None, horizon_days: float) -> dict[st
 
 
 def _time(t_ns: int) -> str:
-    """A time in UTC, which may lie beyond the leap seconds that are known: as if none were to come."""
+    return _times(np.array([t_ns]))[0]
+
+
+def _times(t_ns: NDArray[np.int64]) -> list[str]:
+    """Times in UTC; beyond the leap seconds that are known, as if none were to come."""
     try:
-        return format_iso([t_ns], "UTC")[0]
+        return format_iso(t_ns, "UTC")
     except EpochError:
-        return format_iso([t_ns + LATEST_UTC_MINUS_TAI * 10**9], "TAI")[0]
+        if t_ns.size > 1:
+            return [_time(int(t)) for t in t_ns]
+        return format_iso(t_ns + LATEST_UTC_MINUS_TAI * 10**9, "TAI")
 
 
 def _points(of: Known) -> list[dict[str, Any]]:
     t = of.trend
     sigma = t.points.sigma_E / ARCSEC
     known = np.sqrt(np.diagonal(t.covariance_E, axis1=1, axis2=2)) / ARCSEC
+    times = _times(t.t_ns)
     return [
         {
             "id": entry.id,
             "name": entry.name,
-            "time": _time(int(t.t_ns[k])),
+            "time": times[k],
             "value_arcsec": numbers(t.points.value_E[k] / ARCSEC),
             "sigma_arcsec": numbers(sigma[k]),
             "trend_arcsec": numbers(t.value_E[k] / ARCSEC),
