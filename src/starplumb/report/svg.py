@@ -35,6 +35,7 @@ WIDTH, HEIGHT = 4.6, 3.6
 _STYLE = {
     "font.family": "sans-serif",
     "font.size": 9.0,
+    "date.converter": "concise",
     "text.color": INK,
     "text.parse_math": False,  # an identifier may hold a dollar sign
     "axes.edgecolor": MUTED,

@@ -116,22 +116,14 @@ def _figure(d: Document, k: int) -> Figure:
         for one in d["issued"]:
             axes.axvline(float(_dates([one["from"]])[0]), color=SERIES[2], lw=0.8, ls="-.")
         axes.set_ylabel(f"about {axis}, arcsec")
-        _as_dates(axes)
+        axes.xaxis_date()
+        axes.set_xlabel("date (UTC)")
     ends = f"{value.min():.2f} to {value.max():.2f} arcsec in {value.size} campaigns"
     alt = f"The mounting about {axis} against time: {ends}."
     marks = (
         "; dotted: events; dash-dotted: from when a mounting was issued" if d["events"] or d["issued"] else ""
     )
     return Figure(figure, f"trend-{axis}", alt, f"About {axis} of the star tracker, from the mean{marks}.")
-
-
-def _as_dates(axes: Axes) -> None:
-    from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
-
-    ticks = AutoDateLocator(minticks=3, maxticks=6)
-    axes.xaxis.set_major_locator(ticks)
-    axes.xaxis.set_major_formatter(ConciseDateFormatter(ticks))
-    axes.set_xlabel("date (UTC)")
 
 
 def _bands(axes: Axes, t: Array, line: Array, sigma: Array, style: str) -> None:

@@ -254,7 +254,7 @@ def equations_of(database: sqlite3.Connection, entry: Entry) -> Equations:
     return summed(entry.C_EK, blocks, _images(database, campaign))
 
 
-def _known(rows: Sequence[tuple[bytes, bytes, bytes | None]]) -> Iterator[Known]:
+def _known(rows: Sequence[Sequence[Any]]) -> Iterator[Known]:
     """What is known of unknowns beforehand, all numbers of a campaign read at once."""
     parts = [part for row in rows for part in row if part is not None]
     if not all(isinstance(part, bytes) and len(part) % 8 == 0 for part in parts):
