@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 
 from ..physics import so3
 from ..table.geometry import locate, project
+from .coarse import Coarse, coarse_images
 from .matching.orientation import correlation, orientation
-from .scene import Scene, geodetic, reduced
+from .scene import Scene, geodetic
 
 Array = NDArray[np.float64]
 
@@ -51,34 +52,45 @@ class Peak:
 @dataclass(frozen=True)
 class Acquisition:
     """Where the images were found: ``C_EK`` (m, 3, 3) that puts each there, to a few of ``cell_px``; ``together`` is
-    the peak of all surfaces, ``alone`` that of each image within reach of it."""
+    the peak of all surfaces, ``alone`` that of each image within reach of it; ``unfit`` says of each image why it could
+    not be looked for, or is empty."""
 
     C_EK: Array
     cell_px: int
     together: Peak
     alone: tuple[Peak, ...]
+    unfit: tuple[str, ...]
 
     @property
     def clear(self) -> bool:
         return self.together.height > CLEAR and self.together.height > 1.25 * self.together.second
 
 
-def acquire(scene: Scene, sigma_K: Array, own_K: Array) -> Acquisition:
+def search_factor(scene: Scene, sigma_K: Array, own_K: Array) -> int:
+    """How many pixels are binned for the search."""
+    own_px = float(max(own_K[0], own_K[1])) / _pixel_rad(scene)
+    return _factor(max(max(raw.size_px) for raw in scene.raws), _reach_px(scene, sigma_K), own_px)
+
+
+def acquire(
+    scene: Scene, sigma_K: Array, own_K: Array, coarse: Sequence[Coarse] | None = None
+) -> Acquisition:
     """Find the images of a scene whose mounting is known to ``sigma_K`` (3,) rad about K's axes, and the attitude and
-    position of each image to ``own_K`` (3,)."""
+    position of each image to ``own_K`` (3,); ``coarse`` are its images binned by :func:`search_factor`."""
     campaign = scene.campaign
     pixel_rad = _pixel_rad(scene)
-    reach_px = REACH * float(max(sigma_K[0], sigma_K[1])) / pixel_rad + 8.0
-    own_px = float(max(own_K[0], own_K[1])) / pixel_rad
-    factor = _factor(max(max(raw.size_px) for raw in scene.raws), reach_px, own_px)
-    coarse = [orientation(reduced(raw, factor)) for raw in scene.raws]
+    reach_px = _reach_px(scene, sigma_K)
+    factor = search_factor(scene, sigma_K, own_K)
+    if coarse is None:
+        coarse = coarse_images(scene, factor)
+    fit = max(sum(not each.unfit for each in coarse), 1)
     best: Acquisition | None = None
-    for twist in _twists(sigma_K[2], 0.5 * max(max(c.shape) for c in coarse)):
+    for twist in _twists(sigma_K[2], 0.5 * max(max(c.orientation.shape) for c in coarse)):
         C_EK = campaign.C_EK @ so3.exp(np.array([0.0, 0.0, twist]))
         ways = [_way(scene, C_EK, image, pixel_rad) for image in range(len(coarse))]
         seen = _surfaces(scene, C_EK, coarse, factor, reach_px)
         surfaces = [_laid(surface, way) for surface, way in zip(seen, ways, strict=True)]
-        together = peak(sum(surfaces) / np.sqrt(len(surfaces)))
+        together = peak(sum(surfaces) / np.sqrt(fit))
         if best is not None and together.height <= best.together.height:
             continue
         alone = tuple(_near(surface, together) for surface in surfaces)
@@ -86,10 +98,15 @@ def acquire(scene: Scene, sigma_K: Array, own_K: Array) -> Acquisition:
         turns = [
             _turn(_direction(scene, image), shift * factor * pixel_rad) for image, shift in enumerate(shifts)
         ]
-        best = Acquisition(C_EK @ np.array(turns), factor, together, alone)
+        unfit = tuple(each.unfit for each in coarse)
+        best = Acquisition(C_EK @ np.array(turns), factor, together, alone, unfit)
     if best is None:
         raise ValueError("there is at least one turn")
     return best
+
+
+def _reach_px(scene: Scene, sigma_K: Array) -> float:
+    return REACH * float(max(sigma_K[0], sigma_K[1])) / _pixel_rad(scene) + 8.0
 
 
 def _middle(scene: Scene, image: int) -> Array:
@@ -165,11 +182,15 @@ def _turn(direction: Array, shift_rad: Array) -> Array:
 
 
 def _surfaces(
-    scene: Scene, C_EK: Array, coarse: Sequence[NDArray[np.complex128]], factor: int, reach_px: float
+    scene: Scene, C_EK: Array, coarse: Sequence[Coarse], factor: int, reach_px: float
 ) -> Iterator[Array]:
     """The surface of each image (2 k + 1, 2 k + 1), its middle at no shift, in robust standard deviations."""
     k = int(np.ceil(reach_px / factor))
-    for image, chip in enumerate(coarse):
+    for image, each in enumerate(coarse):
+        if each.unfit:
+            yield np.zeros((2 * k + 1, 2 * k + 1))
+            continue
+        chip = each.orientation
         rows, columns = chip.shape
         column = (np.arange(-k, columns + k) + 0.5) * factor - 0.5
         row = (np.arange(-k, rows + k) + 0.5) * factor - 0.5

@@ -8,9 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from .acquisition import Acquisition, acquire
+from .acquisition import Acquisition, acquire, search_factor
 from .candidates import candidate_places
 from .chips import Chip, chips
+from .coarse import coarse_images
+from .explanation import Explanation
 from .pointing import Pointing, pointed
 from .scene import Scene, reduced
 from .search import Found, refine
@@ -72,20 +74,27 @@ def measure_images(
     """
     mounting_K = sigma_in_camera(scene.campaign.C_EK, covariance_E)
     own_K = sigma_in_camera(scene.campaign.C_EK, own_E)
-    acquired = acquire(scene, mounting_K, own_K)
+    coarse = coarse_images(scene, search_factor(scene, mounting_K, own_K))
+    acquired = acquire(scene, mounting_K, own_K, coarse)
     sigma_K = np.hypot(mounting_K, own_K)
+    explanation = Explanation(scene, acquired, coarse, mounting_K, own_K)
     for image in range(len(scene.raws)):
-        yield measure_image(scene, acquired, image, sigma_K, wanted)
+        measured = measure_image(scene, acquired, image, sigma_K, wanted)
+        if measured.reason and not measured.chips:
+            measured = replace(measured, reason=explanation.of(image, measured.reason))
+        yield measured
 
 
 def measure_image(
     scene: Scene, acquired: Acquisition, image: int, sigma_K: Array, wanted: Wanted
 ) -> MeasuredImage:
     """One image of those that were acquired together."""
+    start = acquired.C_EK[image]
+    if unfit := acquired.unfit[image]:
+        return MeasuredImage(image, start, Found(start, 0, 0, unfit), (), reason=unfit)
     if not acquired.clear:
         tall = f"{acquired.together.height:.1f} sigma, and the next {acquired.together.second:.1f}"
         reason = f"no place of the search stands out (the best by {tall}): wrong reference, band or prior, or cloud"
-        start = acquired.C_EK[image]
         return MeasuredImage(image, start, Found(start, 0, 0, reason), (), reason=reason)
     found = refine(scene, acquired.C_EK[image], image, acquired.cell_px, sigma_K)
     if found.reason:

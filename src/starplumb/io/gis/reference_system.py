@@ -164,6 +164,11 @@ class Grid:
         x, y = self._way.transform(longitude, latitude, direction="INVERSE")[:2]
         return np.asarray(x), np.asarray(y)
 
+    def back(self, x: Array, y: Array) -> tuple[Array, Array]:
+        """Longitudes and latitudes (n,) in degrees of places (n,) as the grid counts."""
+        longitude, latitude = self._way.transform(x, y)[:2]
+        return np.asarray(longitude), np.asarray(latitude)
+
 
 def _nameless_wgs84(crs: CRS) -> bool:
     """Whether a system has the ellipsoid of WGS 84 and a datum without a name, as many a grid has."""

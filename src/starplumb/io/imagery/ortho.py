@@ -84,6 +84,12 @@ class Tile:
         det = a * e - b * d
         return (e * (x - c) - b * (y - f)) / det, (a * (y - f) - d * (x - c)) / det
 
+    def places(self, column: Array, row: Array) -> tuple[Array, Array]:
+        """Longitudes and latitudes (n,), deg, of columns and rows (n,)."""
+        a, b, c, d, e, f = self.affine
+        x, y = a * column + b * row + c, d * column + e * row + f
+        return (x, y) if self.grid is None else self.grid.back(x, y)
+
     def sample(self, latitude: Array, longitude: Array, spacing_m: float) -> Array:
         """Brightness (h, w) at places (h, w); NaN beyond the tile and near cells without data."""
         from scipy.ndimage import binary_dilation, map_coordinates

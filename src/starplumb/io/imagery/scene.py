@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ...imagery.scene import Scene
+from ...imagery.scene import Raw, Scene
 from ...physics.errors import InputError
 from ...table.campaign import Campaign
 from ..text.files import show
 from .config import IMAGE_ID, ImageryConfig, ReferenceConfig
 from .ortho import Ortho, Tile
+from .overlaps import require_agreement
 from .rasters import RawImage, open_pixels
 from .relief import read_relief
+
+Array = NDArray[np.float64]
 
 
 def raw_paths(campaign: Campaign, folder: Path, imagery: ImageryConfig) -> list[Path]:
@@ -44,18 +49,55 @@ def _matching(settings: str, folder: Path, name: str) -> Iterator[Path]:
 def open_scene(
     settings: str, campaign: Campaign, folder: Path, imagery: ImageryConfig, reference: ReferenceConfig
 ) -> Scene:
-    """The scene of a campaign.  Raises InputError, one sentence, for the first file that cannot be used."""
-    raws = [_raw(path, campaign, imagery) for path in raw_paths(campaign, folder, imagery)]
+    """The scene of a campaign, in which a raw image that cannot be used among others says why when it is read.
+
+    Raises InputError, one sentence, for the first file of the reference that cannot be used, or of the raw images where
+    none can.
+    """
+    raws = _raws(raw_paths(campaign, folder, imagery), campaign, imagery)
     paths = reference_paths(settings, folder, reference)
     tiles = [Tile.of(open_pixels(path, reference.band), reference.crs, reference.nodata) for path in paths]
+    require_agreement(tiles)
     geoid = None if reference.geoid is None else folder / reference.geoid
     relief = read_relief(folder / reference.dem, reference.crs, reference.heights, geoid)
     return Scene(campaign, raws, Ortho(tiles), relief.at, relief.step_m, imagery.saturation_dn)
 
 
+@dataclass(frozen=True)
+class Unread:
+    """A raw image that cannot be used, in the place of one; reading it raises InputError, which says why."""
+
+    size_px: tuple[int, int]
+    why: str
+
+    def window(self, column: int, row: int, columns: int, rows: int) -> Array:
+        raise InputError(self.why)
+
+
+def _raws(paths: list[Path], campaign: Campaign, imagery: ImageryConfig) -> list[Raw]:
+    columns, rows = campaign.camera.size_px
+    size = int(columns), int(rows) if np.isfinite(rows) else 1
+    raws: list[Raw] = []
+    for path in paths:
+        try:
+            raws.append(_raw(path, campaign, imagery))
+        except InputError as error:
+            raws.append(Unread(size, str(error)))
+    wrong = [raw for raw in raws if isinstance(raw, Unread)]
+    if len(wrong) == len(raws):
+        raise InputError(wrong[0].why)
+    return raws
+
+
 def _raw(path: Path, campaign: Campaign, imagery: ImageryConfig) -> RawImage:
     """A raw image whose size is the camera's; a scanner's may have any number of rows."""
     pixels = open_pixels(path, imagery.band)
+    if pixels.affine is not None:
+        raise InputError(
+            f"{path}: found a georeferenced raster, wanted the image in the columns and rows in which the camera took "
+            "it; if these are they, take the georeference off (gdal_edit.py -unsetgt, or remove the world file beside "
+            "it)"
+        )
     columns, rows = pixels.size
     wanted = campaign.camera.size_px
     if columns != wanted[0] or (not campaign.camera.scans and rows != wanted[1]):

@@ -205,7 +205,7 @@ def measure_watched(path: Path, watch: Watch) -> Measurement:
     scene = open_scene(str(path), loaded.campaign, loaded.folder, config.imagery, config.reference)
     raws = raw_paths(loaded.campaign, loaded.folder, config.imagery)
     tiles = reference_paths(str(path), loaded.folder, config.reference)
-    further = [*raws, *tiles, loaded.folder / config.reference.dem]
+    further = [*(raw for raw in raws if raw.is_file()), *tiles, loaded.folder / config.reference.dem]
     if config.reference.geoid is not None:
         further.append(loaded.folder / config.reference.geoid)
     loaded = replace(
