@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from .channels import complain
+from .options.progress import counted
 from .output import Json, Output, Quiet, Verbose
 
 
@@ -33,7 +37,8 @@ def measure(
 
     The campaign names raw images ([imagery]) and an orthoimage with heights ([reference]); how far to search follows
     from mounting.sigma_arcsec. Writes measure.json, the page measure.html, landmarks.csv,
-    observations.csv and a campaign.toml that names these.
+    observations.csv and a campaign.toml that names these. Finished images are kept beside the output
+    until it is written: interrupted, the same command goes on where it stopped.
 
     Examples:
 
@@ -47,7 +52,8 @@ def measure(
     speak = Output(json, quiet, verbose)
     out = out or campaign.parent / "measured"
     require_place(out, campaign)
-    found = measure_watched(campaign, lambda images, total: speak.watched(images, "measuring", total))
+    with _kept(out, quiet), counted("searching and measuring chips", quiet) as tell:
+        found = measure_watched(campaign, tell, out)
     speak.notices(found.loaded.notices)
     found.save(out, report)
     if not calibrate or not found.acquired:
@@ -60,3 +66,21 @@ def measure(
         run([out / "campaign.toml"], out=out, report=report, json=json, quiet=quiet, verbose=verbose)
     if not found.usable:
         raise AlignmentFailed(f"{campaign}: {found.message}")
+
+
+@contextmanager
+def _kept(out: Path, quiet: bool) -> Iterator[None]:
+    """Where the work ends before it is done, say what is kept of it."""
+    from ..io.imagery.kept import finished
+    from ..physics.errors import InputError
+
+    try:
+        yield
+    except (KeyboardInterrupt, InputError):
+        folder, count = finished(out)
+        if count and not quiet:
+            complain(
+                f"{count} image{'s' if count > 1 else ''} finished and kept in {folder}; the same command goes on "
+                "from there"
+            )
+        raise

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .acquisition import Acquisition, acquire, search_factor
+from .acquisition import Acquisition, acquire
 from .candidates import candidate_places
-from .chips import Chip, chips
-from .coarse import coarse_images
+from .chips import Chip, Tell, chips
 from .explanation import Explanation
 from .pointing import Pointing, pointed
 from .scene import Scene, reduced
@@ -29,6 +30,8 @@ AGAIN_PX = 0.5
 """Chips that lie farther than this from where they were predicted are matched again where they lie."""
 RIM_PX = 8
 """Pixels kept free at the border of an image."""
+ACQUIRED = "acquired"
+"""The name under which an acquisition is kept."""
 
 
 @dataclass(frozen=True)
@@ -64,31 +67,74 @@ def sigma_in_camera(C_EK: Array, covariance_E: Array) -> Array:
     return np.asarray(np.sqrt(np.diagonal(C_EK.mT @ covariance_E @ C_EK)))
 
 
+class Memory(Protocol):
+    """What is finished, so that a run that ends early loses little."""
+
+    def recall(self, name: str) -> Any | None:
+        """What was kept under a name, None where nothing was."""
+        ...
+
+    def keep(self, name: str, thing: object) -> None: ...
+
+
 def measure_images(
-    scene: Scene, covariance_E: Array, own_E: Array, wanted: Wanted
+    scene: Scene,
+    covariance_E: Array,
+    own_E: Array,
+    wanted: Wanted,
+    tell: Tell = lambda done: None,
+    memory: Memory | None = None,
 ) -> Iterator[MeasuredImage]:
     """The images of a scene one after another, those that cannot be acquired without chips.
 
     What is searched are the errors of the mounting, ``covariance_E`` (3, 3) rad^2, and of each image's own attitude and
-    position, ``own_E`` (3, 3) rad^2, about E's axes.
+    position, ``own_E`` (3, 3) rad^2, about E's axes.  ``tell`` hears how many of all chips are done; what ``memory``
+    recalls is not measured again.
     """
     mounting_K = sigma_in_camera(scene.campaign.C_EK, covariance_E)
     own_K = sigma_in_camera(scene.campaign.C_EK, own_E)
-    coarse = coarse_images(scene, search_factor(scene, mounting_K, own_K))
-    acquired = acquire(scene, mounting_K, own_K, coarse)
-    sigma_K = np.hypot(mounting_K, own_K)
-    explanation = Explanation(scene, acquired, coarse, mounting_K, own_K)
+    acquired = None if memory is None else memory.recall(ACQUIRED)
+    if acquired is None:
+        acquired = acquire(scene, mounting_K, own_K)
+        if memory is not None:
+            memory.keep(ACQUIRED, acquired)
+    explanation = Explanation(scene, acquired, mounting_K, own_K)
+    each = wanted.grid[0] * wanted.grid[1]
     for image in range(len(scene.raws)):
-        measured = measure_image(scene, acquired, image, sigma_K, wanted)
-        if measured.reason and not measured.chips:
-            measured = replace(measured, reason=explanation.of(image, measured.reason))
+        name = f"image{image:05d}"
+        measured = None if memory is None else memory.recall(name)
+        if measured is None:
+            measured = _measured(scene, explanation, image, wanted, partial(_told_of, tell, image * each))
+            if memory is not None:
+                memory.keep(name, measured)
+        tell((image + 1) * each)
         yield measured
 
 
-def measure_image(
-    scene: Scene, acquired: Acquisition, image: int, sigma_K: Array, wanted: Wanted
+def _told_of(tell: Tell, before: int, done: int) -> None:
+    tell(before + done)
+
+
+def _measured(
+    scene: Scene, explanation: Explanation, image: int, wanted: Wanted, tell: Tell
 ) -> MeasuredImage:
-    """One image of those that were acquired together."""
+    """One image; where it was not found, why."""
+    sigma_K = np.hypot(explanation.sigma_K, explanation.own_K)
+    measured = measure_image(scene, explanation.acquired, image, sigma_K, wanted, tell)
+    if measured.reason and not measured.chips:
+        return replace(measured, reason=explanation.of(image, measured.reason))
+    return measured
+
+
+def measure_image(
+    scene: Scene,
+    acquired: Acquisition,
+    image: int,
+    sigma_K: Array,
+    wanted: Wanted,
+    tell: Tell = lambda done: None,
+) -> MeasuredImage:
+    """One image of those that were acquired together; ``tell`` hears how many of its chips are done."""
     start = acquired.C_EK[image]
     if unfit := acquired.unfit[image]:
         return MeasuredImage(image, start, Found(start, 0, 0, unfit), (), reason=unfit)
@@ -102,7 +148,7 @@ def measure_image(
     raw = scene.raws[image]
     places = candidate_places(raw, wanted.grid, wanted.chip_px, RIM_PX)
     brightness = Brightness.of(reduced(raw, max(1, max(raw.size_px) // 256)))
-    done = chips(scene, found.C_EK, image, places, wanted.chip_px, brightness)
+    done = chips(scene, found.C_EK, image, places, wanted.chip_px, brightness, tell)
     fitted = _fitted(scene, found.C_EK, image, done, sigma_K)
     if fitted is not None and np.abs(_moved(done)).max() > AGAIN_PX:
         # far from where they were predicted the chips' affine tells their place less well

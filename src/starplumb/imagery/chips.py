@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,6 +19,7 @@ from .search import located
 from .verdicts import Brightness, Candidate, Verdict
 
 Array = NDArray[np.float64]
+Tell = Callable[[int], None]
 
 STEP_PX = 0.5
 """Spacing of a template's samples: at a whole pixel errors and sigmas double."""
@@ -55,9 +57,11 @@ def chips(
     places: Array,
     chip_px: int,
     brightness: Brightness,
+    tell: Tell = lambda done: None,
     name: str = "{image_id}-{number}",
 ) -> list[Chip]:
-    """A chip for each place (n, 2) of an image whose rotation puts it on its ground to a pixel or two."""
+    """A chip for each place (n, 2) of an image whose rotation puts it on its ground to a pixel or two; ``tell`` hears
+    how many are done."""
     reach = 0.5 * chip_px + SEARCH_PX + RIM_PX + MARGIN_PX
     below = pieces(scene, C_EK, image, places, reach, STEP_PX)
     rim = RIM_PX
@@ -71,6 +75,7 @@ def chips(
         ids = scene.campaign.images.ids[image]
         label = name.format(image_id=ids, number=f"{number:03d}")
         found.append(_chip(scene, candidate, piece, window, brightness, flat, (ids, label)))
+        tell(number + 1)
     return found
 
 

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from ..physics.units import DEG
 from ..table.geometry import locate
-from .acquisition import Acquisition, acquire
-from .coarse import Coarse
+from .acquisition import Acquisition, acquire, search_factor
+from .coarse import Coarse, coarse_images
 from .scene import Scene, geodetic
 
 Array = NDArray[np.float64]
@@ -44,7 +44,6 @@ class Explanation:
 
     scene: Scene
     acquired: Acquisition
-    coarse: Sequence[Coarse]
     sigma_K: Array
     own_K: Array
 
@@ -80,6 +79,11 @@ class Explanation:
         if not np.isfinite(self.scene.reference.sample(latitude, longitude, spacing)).any():
             return f"the orthoimage (reference.files) covers none of the ground where it looks, {near}"
         return ""
+
+    @cached_property
+    def coarse(self) -> Sequence[Coarse]:
+        """The images, binned as they were looked for."""
+        return coarse_images(self.scene, search_factor(self.scene, self.sigma_K, self.own_K))
 
     @cached_property
     def _together(self) -> str:

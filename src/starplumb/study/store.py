@@ -2,30 +2,19 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
-import zipfile
-import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
+from ..disk.arrays import read_arrays, write_arrays
 from ..disk.publish import publish
-from ..disk.staging import cannot_write, staged
+from ..disk.staging import cannot_write
 from ..physics.errors import InputError
 from .monte_carlo import Arrays, Study
 
 MANIFEST = "study.json"
-DIGEST = "digest"
-"""The array of a chunk's file that says whose it is and that the others are what they were."""
-_SPOILT = (
-    *(OSError, EOFError, LookupError, ValueError, TypeError, SyntaxError),
-    *(NotImplementedError, RuntimeError, MemoryError, zipfile.BadZipFile, zlib.error),
-)
-"""What reading a file that is no chunk ends in."""
 
 
 @dataclass(frozen=True)
@@ -72,32 +61,15 @@ class Store:
 
     def _read(self, c: int) -> Arrays | None:
         """The arrays of chunk c; None where its file is missing or spoilt."""
-        try:
-            if not self.path(c).is_file():  # a pipe would keep us waiting
-                return None
-            with self.path(c).open("rb") as file:
-                stored = np.load(file, allow_pickle=False)
-                arrays = {name: stored[name] for name in stored.files}
-            whole = str(arrays.pop(DIGEST)) == self._digest(c, arrays)
-        except _SPOILT:
-            return None
-        return arrays if whole else None
+        return read_arrays(self.path(c), self._about(c))
 
-    def _digest(self, c: int, arrays: Arrays) -> str:
-        """SHA-256 of what a chunk depends on, its number and its arrays."""
-        found = hashlib.sha256(json.dumps([self.study.fingerprint, c], sort_keys=True).encode())
-        for name, values in sorted(arrays.items()):
-            found.update(f"{name} {values.dtype.str} {values.shape}".encode())
-            found.update(np.ascontiguousarray(values).tobytes())
-        return found.hexdigest()
+    def _about(self, c: int) -> str:
+        """What a chunk depends on, and its number."""
+        return json.dumps([self.study.fingerprint, c], sort_keys=True)
 
     def save(self, c: int, arrays: Arrays) -> None:
         """Write chunk c beside its place, then rename it.  Raises InputError where it cannot be written."""
-        keywords: dict[str, Any] = {**arrays, DIGEST: np.array(self._digest(c, arrays))}
-        with staged(self.folder, place=self.path(c)) as staging:
-            with staging.path(self.path(c).name).open("xb") as file:
-                np.savez(file, **keywords)
-            staging.commit([self.path(c).name])
+        write_arrays(self.path(c), arrays, self._about(c))
 
     def load(self) -> Iterator[Arrays]:
         """All chunks in their order, one at a time.  Raises InputError where one is gone since it was written."""

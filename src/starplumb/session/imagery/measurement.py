@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+import json
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -11,10 +12,12 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from ... import __version__
 from ...imagery.chain import MeasuredImage, Wanted, measure_images
 from ...imagery.scene import Scene
 from ...io.campaign.files import names_of
 from ...io.campaign.read import LoadedImages, load_images
+from ...io.imagery.kept import KeptImages
 from ...io.imagery.scene import open_scene, raw_paths, reference_paths
 from ...io.imagery.tables import Marks, campaign_text
 from ...io.text.files import fingerprint, read_text
@@ -27,8 +30,8 @@ if TYPE_CHECKING:
     from ...report.page import Table
 
 Array = NDArray[np.float64]
-Watch = Callable[[Iterable[MeasuredImage], int], Iterable[MeasuredImage]]
-"""Passes images on as they come, and shows how many of how many there are."""
+Tell = Callable[[int, int], None]
+"""Hears how many chips of how many are done."""
 
 MEASURE = "measure.json"
 FILES = ("campaign.toml", "landmarks.csv", "observations.csv", "measure.html")
@@ -45,6 +48,7 @@ class Measurement(Shown):
     loaded: LoadedImages
     scene: Scene
     images: tuple[MeasuredImage, ...]
+    kept: KeptImages | None = None
 
     @property
     def acquired(self) -> int:
@@ -145,6 +149,8 @@ class Measurement(Shown):
             files["measure.html"] = self.report()
         mark = marked(MEASURE, self.document)
         publish(out, files, instead_of=FILES, mark=mark, inputs=self.loaded.sources)
+        if self.kept is not None:
+            self.kept.remove()
 
     def report(self) -> str:
         """The page ``measure.html``: every chip for the eye."""
@@ -186,11 +192,12 @@ def measure(path: str | Path) -> Measurement:
     search; it needs neither [landmarks] nor [observations].  Raises InputError, one sentence, for the first file that
     cannot be used.
     """
-    return measure_watched(Path(path), lambda images, _total: images)
+    return measure_watched(Path(path), lambda done, total: None)
 
 
-def measure_watched(path: Path, watch: Watch) -> Measurement:
-    """The same, each image passing ``watch`` as it is done."""
+def measure_watched(path: Path, tell: Tell, out: Path | None = None) -> Measurement:
+    """The same; ``tell`` hears how far it is.  With ``out``, where it will be saved, finished images are kept beside
+    that folder until :meth:`Measurement.save` has written it, and a run that was ended before is gone on with."""
     loaded = load_images(path)
     config = loaded.config
     if config.imagery is None or config.reference is None:
@@ -214,8 +221,15 @@ def measure_watched(path: Path, watch: Watch) -> Measurement:
         sources=(*loaded.sources, *further),
     )
     wanted = Wanted(config.measure.chip_px, config.measure.grid, config.measure.check_share)
-    images = measure_images(scene, prior_E, _own(loaded), wanted)
-    return Measurement(path, loaded, scene, tuple(watch(images, len(raws))))
+    kept = None if out is None else KeptImages.beside(out, _about(loaded))
+    total = len(raws) * wanted.grid[0] * wanted.grid[1]
+    images = measure_images(scene, prior_E, _own(loaded), wanted, lambda done: tell(done, total), kept)
+    return Measurement(path, loaded, scene, tuple(images), kept)
+
+
+def _about(loaded: LoadedImages) -> str:
+    """All that the images of a measurement depend on: what is read, and the program."""
+    return json.dumps([__version__, loaded.inputs], sort_keys=True)
 
 
 def _relative(path: Path, folder: Path) -> str:
