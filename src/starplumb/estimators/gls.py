@@ -12,6 +12,7 @@ from ..solve.adjustment import Adjustment
 from ..solve.chunks import sample, sampled
 from ..table.observations import Observations
 from ..table.parameters import Parameter
+from .bent import bent
 from .fit import Fit, State, Unknowns
 from .protocol import AlignmentEstimate, ParameterVector, Status
 from .usable import determined, status_of
@@ -73,7 +74,21 @@ class Gls:
         return Unknowns(self.parameters, self.compiled)
 
     def __call__(self, observations: Observations, C_EK: Array) -> AlignmentEstimate:
-        return self.estimate(observations, C_EK, self.start(observations, C_EK))
+        return self.settled(observations, C_EK, self.start(observations, C_EK))
+
+    def settled(self, observations: Observations, C_EK: Array, state: State) -> AlignmentEstimate:
+        """The estimate from a state; of a single run with the covariance that it has beside a lens that is mostly
+        noise (:mod:`starplumb.estimators.bent`)."""
+        found = self.estimate(observations, C_EK, state)
+        p = found.parameters
+        if p is None or found.C_EK.ndim > 2 or not Status(int(found.status)).usable:
+            return found
+        here = Fit(self.unknowns, observations, State(found.C_EK, p.values), C_EK)
+        covariance = bent(here, p.covariance)
+        if covariance is None:
+            return found
+        vector = replace(p, covariance=covariance, straight=p.covariance)
+        return replace(found, covariance_E=covariance[:3, :3], parameters=vector)
 
     def start(self, observations: Observations, C_EK: Array) -> State:
         """The closed form, all parameters at zero; of a large table the estimate from a sample of its images."""

@@ -60,7 +60,8 @@ class ParameterVector:
     ``names`` (p,), ``values`` (..., p) SI and radians with what was known beforehand, ``prior_sigma`` (p,), infinite
     for a free one, and ``range`` (p,), the largest error that makes sense; ``covariance`` (..., 3 + p, 3 + p) and
     ``information`` (..., 3 + p, 3 + p) of the alignment's error about E's axes and of the values, without the priors in
-    the latter.
+    the latter.  ``straight`` is the covariance by that information where ``covariance`` is another, since the residuals
+    are bent so far out (:mod:`starplumb.estimators.bent`); else None.
     """
 
     names: tuple[str, ...]
@@ -69,6 +70,7 @@ class ParameterVector:
     range: Array
     covariance: Array
     information: Array
+    straight: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -154,7 +156,8 @@ def stack(runs: list[AlignmentEstimate], batch: tuple[int, ...]) -> AlignmentEst
     parameters = runs[0].parameters
     if parameters is not None:
         vectors = [run.parameters for run in runs]
-        parameters = replace(parameters, **gathered(vectors, "values", "covariance", "information"))
+        of_runs = gathered(vectors, "values", "covariance", "information")
+        parameters = replace(parameters, **of_runs, straight=None)
     rivals = [run.rival or NO_RIVAL for run in runs]
     rival = Rival(**gathered(rivals, "support", "turn_E", "images"))
     return replace(runs[0], **gathered(runs, *names), parameters=parameters, rival=rival)

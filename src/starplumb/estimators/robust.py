@@ -280,7 +280,7 @@ class _Search:
         if not np.any(used):
             return self.failed()
         kept = replace(self.o, weight=np.where(used, self.o.weight, 0.0))
-        estimate = self.options.gls.estimate(kept, self.C_EK_model, state)
+        estimate = self.options.gls.settled(kept, self.C_EK_model, state)
         other = self._rival(estimate, used, found)
         status = estimate.status
         if other.support >= EVEN and Status(int(status)).usable:

@@ -31,8 +31,13 @@ from .conventions.rests_on import RestsOn, finding_of_rests_on, rests_on
 from .files.evidence import Evidence
 from .files.findings import findings_of_files
 from .motion.found import Moves, finding_of, moves
-from .parameters.noisy_lens import findings_of_combinations
-from .parameters.separability import Combination, combinations, ruins_alignment, without_gain
+from .parameters.separability import (
+    Combination,
+    combinations,
+    of_combinations,
+    ruins_alignment,
+    without_gain,
+)
 from .parameters.single_image import rest_on_one
 from .reference import Reference
 from .residuals import Accuracy, Residuals, residuals
@@ -163,7 +168,7 @@ def calibrate(campaign: Campaign, estimator: Estimator, by_gls: Calibration | No
         *(findings_of_sources(scatter, int(np.sum(support.counts[1] > 0))) if tested else ()),
         *_moving(campaign, moving, estimate),
         *(Finding(e.text, e.weakens, refutes=e.refuses, covariance_E=e.covariance_E) for e in evidence),
-        *findings_of_combinations(traded, fit, estimate),
+        *of_combinations(traded, estimate),
         *_consistent(support, estimate, again, snooping),
         *_unmodelled(campaign, fit, estimate),
         *finding_of_rests_on(rests),

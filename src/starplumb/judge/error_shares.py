@@ -11,8 +11,8 @@ from .calibrate import Calibration
 
 Array = NDArray[np.float64]
 
-PRIOR, MOTION = "what was known before", "motion of the mounting"
-"""Names of what a prior and an estimated motion contribute to a covariance."""
+PRIOR, MOTION, LENS = "what was known before", "motion of the mounting", "lens, as noise bends it"
+"""Names of what a prior, an estimated motion and a lens that is mostly noise contribute to a covariance."""
 
 
 def shares(calibration: Calibration) -> Mapping[str, Array]:
@@ -23,10 +23,18 @@ def shares(calibration: Calibration) -> Mapping[str, Array]:
     parts = c.snooping.spread.parts
     if c.moves is not None and c.moves.further_E is not None:
         parts[MOTION] = c.moves.further_E
+    vector = c.estimate.parameters
+    if vector is not None and vector.straight is not None:
+        parts[LENS] = _positive((vector.covariance - vector.straight)[:3, :3])
     if _has_prior(c):
-        values, axes = np.linalg.eigh(c.estimate.covariance_E - np.sum(list(parts.values()), axis=0))
-        parts[PRIOR] = (axes * np.maximum(values, 0.0)) @ axes.mT
+        parts[PRIOR] = _positive(c.estimate.covariance_E - np.sum(list(parts.values()), axis=0))
     return parts
+
+
+def _positive(S: Array) -> Array:
+    """The part of a symmetric matrix (3, 3) that is a covariance."""
+    values, axes = np.linalg.eigh(S)
+    return np.asarray((axes * np.maximum(values, 0.0)) @ axes.mT)
 
 
 def _has_prior(c: Calibration) -> bool:

@@ -8,6 +8,7 @@ about the axes of flight (roll along the track, pitch across it, yaw about the l
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,6 +30,8 @@ BOUNDLESS = 3.0
 """Residuals over what is stated from which on an alignment that is not separated from a parameter is anywhere."""
 YAW = 2
 """The last of the indices of the alignment in a combination."""
+GROWN = 1.1
+"""Growth of a sigma by the noise of the lens from which on it is told."""
 NO_GAIN = 0.95
 """Share of its prior sigma above which a parameter has gained nothing from the data."""
 MEMBER = 0.3
@@ -82,9 +85,10 @@ def combinations(o: Observations, estimate: AlignmentEstimate) -> list[Combinati
     p = estimate.parameters
     if p is None or not np.all(np.isfinite(p.covariance)):
         return []
-    turn = np.eye(p.covariance.shape[0])
+    covariance = p.covariance if p.straight is None else p.straight
+    turn = np.eye(len(covariance))
     turn[:3, :3] = flight_axes(o, estimate.C_EK)
-    N = turn.mT @ np.linalg.inv(p.covariance) @ turn
+    N = turn.mT @ np.linalg.inv(covariance) @ turn
     alone = 1.0 / np.sqrt(np.diagonal(N))
     values, vectors = np.linalg.eigh(N * alone[:, None] * alone[None, :])
     words = [*TURNS, *(in_words(name) for name in p.names)]
@@ -144,3 +148,25 @@ def inseparable(c: Combination, estimate: AlignmentEstimate) -> Finding:
         f"{c.sentence}; with residuals {misfit:.2g} times what is stated nothing bounds the alignment's error"
     )
     return Finding(f"{worse}: run starplumb diagnose", True, refutes=True)
+
+
+def of_combinations(found: Sequence[Combination], estimate: AlignmentEstimate) -> list[Finding]:
+    """What combinations that the data hardly separate mean, and what a lens that is mostly noise did to the sigmas."""
+    return [*(inseparable(combination, estimate) for combination in found), *_of_lens(estimate)]
+
+
+def _of_lens(estimate: AlignmentEstimate) -> list[Finding]:
+    """How much larger the sigmas are than those by the normal equations, where that is worth saying."""
+    p = estimate.parameters
+    if p is None or p.straight is None:
+        return []
+    growth = float(np.max(np.sqrt(np.diagonal(p.covariance) / np.diagonal(p.straight))[:3]))
+    if growth < GROWN:
+        return []
+    return [
+        Finding(
+            f"what is estimated of the lens is mostly noise: the sigmas, which hold that, are up to {growth:.2g} times "
+            "those of the normal equations, which take it for known",
+            False,
+        )
+    ]
