@@ -3,6 +3,7 @@
     python benchmarks/archive.py joint --runs 40     # 20 campaigns of one site, beside the mean of their results
     python benchmarks/archive.py kills --kills 1000  # concurrent writers killed at random moments
     python benchmarks/archive.py trend               # 10 years of 50 campaigns
+    python benchmarks/archive.py fleet --satellites 500  # a campaign of each satellite, and the same again
 
 ``joint``: each campaign has three images of the same nine markers and a session of its own; every error is drawn as it
 is stated, the survey's once for all.  ``kills``: two writers add the same and different campaigns until one is killed.
@@ -257,6 +258,25 @@ def trend(years: int = 10, a_year: int = 50) -> None:
             )
 
 
+def fleet(satellites: int) -> None:
+    """A campaign of each satellite as one command on two workers: a quarter of them, half, all, then all again."""
+    with tempfile.TemporaryDirectory() as name:
+        rng, base = np.random.default_rng(4), site(0)
+        for k in range(satellites):
+            written = write_campaign(Path(name) / f"sat{k:03d}", flown([base], rng)[0])
+            text = written.read_text()
+            written.write_text(text.replace("[campaign]", f'[campaign]\nsatellite = "SAT{k:03d}"', 1))
+        for count in (satellites // 4, satellites // 2, satellites, satellites):
+            paths = [f"sat{k:03d}/campaign.toml" for k in range(count)]
+            before, start = children_s(), time.perf_counter()
+            code = "from starplumb.cli import main; main()"
+            options = ["--jobs", "2", "--archive", f"fleet{count}.db", "--out", f"results{count}", "--quiet"]
+            command = [sys.executable, "-c", code, "calibrate", *paths, *options]
+            status = subprocess.run(command, cwd=name, check=False).returncode
+            cpu, wall = children_s() - before, time.perf_counter() - start
+            print(f"{count} campaigns: {cpu:.0f} CPU s, {wall:.0f} s, exit {status}", flush=True)
+
+
 def children_s() -> float:
     import resource
 
@@ -291,9 +311,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("what", choices=("joint", "kills", "trend"))
+    parser.add_argument("what", choices=("joint", "kills", "trend", "fleet"))
     parser.add_argument("--runs", type=int, default=40)
     parser.add_argument("--kills", type=int, default=50)
+    parser.add_argument("--satellites", type=int, default=500)
     arguments = parser.parse_args()
     match arguments.what:
         case "joint":
@@ -302,6 +323,8 @@ def main() -> None:
             kills(arguments.kills)
         case "trend":
             trend()
+        case "fleet":
+            fleet(arguments.satellites)
 
 
 if __name__ == "__main__":
