@@ -183,6 +183,19 @@ def test_the_scatter_of_campaigns_tells_its_own_sigma(rng, tmp_path):
     assert np.all(np.array(found["interval_95_arcsec"]) > 2.0 * wanted)
 
 
+@pytest.mark.parametrize("length", [None, 3000.0])
+def test_neighbours_on_the_ground_are_said_to_count_as_independent(rng, tmp_path, length):
+    """Between campaigns nothing knows that two landmarks stand side by side."""
+    paths = mission(rng, tmp_path, [0.0, 30.0], images=2)
+    for path in paths:
+        text = path.read_text()
+        assert "\n[landmarks]\n" in text
+        if length is not None:
+            path.write_text(text.replace("[landmarks]", f"[landmarks]\ncorrelation_length_m = {length}", 1))
+    found = archive_of(tmp_path, *map(saved, paths)).show().document
+    assert ("correlation_length_m" in found["message"]) == (length is not None)
+
+
 def foreign_database(path):
     with closing(sqlite3.connect(path)) as database:
         database.execute("CREATE TABLE t(x)")

@@ -55,7 +55,19 @@ def standing(name: str, database: sqlite3.Connection, instrument: Instrument) ->
         )
     parts = tuple(equations_of(database, entry) for entry in used)
     agreed, notices = _known_before(parts, used)
-    return Standing(used, parts, left, agreed, notices)
+    return Standing(used, parts, left, agreed, (*notices, *_near_ground(parts)))
+
+
+def _near_ground(parts: Sequence[Equations]) -> tuple[str, ...]:
+    """Errors that neighbours on the ground share are in the equations of one campaign only."""
+    some = sum(any(name.startswith("shared[neighbours") for name in part.blocks) for part in parts)
+    if some < 2:
+        return ()
+    return (
+        f"{some} campaigns have landmarks whose errors neighbours share (landmarks.correlation_length_m); between "
+        "campaigns they count as independent: where they are of the same ground, the sigmas are too small, and one "
+        "campaign of all these images has the right ones",
+    )
 
 
 def _known_before(parts: Sequence[Equations], found: Sequence[Entry]) -> tuple[bool, tuple[str, ...]]:
