@@ -7,7 +7,7 @@ Each mistake (:mod:`starplumb.judge.conventions`) is undone in turn and the camp
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from ..physics.errors import InputError
 from ..table.campaign import Campaign
@@ -100,7 +100,14 @@ class _Search:
         ]
         evident = {mistake.kind for mistake in self.mistakes if mistake.evidence}
         self.mistakes += shown_by_files(c, evident)
-        self.trials = [tried(c, (mistake,)) for mistake in self.mistakes]
+        rough = [tried(c, (mistake,), roughly=True) for mistake in self.mistakes]
+        best = min([self.stated.score, *(trial.score for trial in rough)])
+        self.trials = [
+            replace(trial, obstacle=trial.obstacle or NOT_CARRIED_ON)
+            if trial.score > HOPELESS * max(best, DECISIVE)
+            else tried(c, trial.undone)
+            for trial in rough
+        ]
 
     def without_sightings(self) -> None:
         """The campaign as it stands with the sightings left out that `robust` rejects; and so the best changes where
@@ -167,6 +174,9 @@ class _Search:
         return leader if explains else None
 
 
+HOPELESS = 100.0
+"""Times as bad as the best after a few steps: a trial that is not carried on."""
+NOT_CARRIED_ON = "far worse than others after two steps"
 GROSS = ("pixels", "binning", "camera", "landmarks", "attitude", "ephemeris", "frames")
 """Kinds of mistakes that a turned mounting does not absorb, whatever else is wrong."""
 UNSEEN = ("mounting", "axes", "horizon", "places")
