@@ -167,7 +167,7 @@ def judged(calibration, o, estimate, used):
     fit = fit_at(calibration.unknowns, o, C_EK_TRUE, estimate, used)
     verdict = np.where(used, 0, np.where(o.image == 5, int(Verdict.IMAGE), int(Verdict.SIGHTING)))
     found = snoop(fit, estimate)
-    return found, residuals(fit, used), rejections(fit, found, verdict), fit
+    return found, residuals(fit, used), rejections(fit, found, verdict, fit.table.image), fit
 
 
 def check_same(parts, whole):
@@ -285,7 +285,9 @@ def test_every_rejection_says_why(rng):
     assert np.all(verdict[late] == Verdict.IMAGE)
     assert np.all(verdict[(o.landmark == 7) & ~late] == Verdict.LANDMARK)
     fit = fit_at(Unknowns(), table, C_EK_TRUE, estimate, verdict == Verdict.USED)
-    found = {(r.image, r.landmark): r for r in rejections(fit, snoop(fit, estimate), verdict)}
+    found = {
+        (r.image, r.landmark): r for r in rejections(fit, snoop(fit, estimate), verdict, fit.table.image)
+    }
     # predicted minus measured is minus what was planted
     assert "-40." in found[2, 3].reason or "-39." in found[2, 3].reason
     assert "epoch -0.5" in found[5, 0].reason or "epoch -0.49" in found[5, 0].reason

@@ -223,7 +223,7 @@ def _fit(c: Calibration) -> dict[str, Any]:
     """Counts and quality of the fit: ``rms_px`` at the estimate, ``rms_own_px`` less each image's and landmark's own
     estimated error."""
     used = c.residuals.used
-    images = c.observations.image[used]
+    images = c.campaign.sightings.image[used]
     dof = c.estimate.degrees_of_freedom
     return {
         "images": int(np.unique(images).size),
@@ -275,7 +275,7 @@ def _parameters(c: Calibration, p: ParameterVector) -> dict[str, Any]:
 def _shared(c: Calibration, where: Phases) -> dict[str, Any]:
     """Images and landmarks with their residuals; of very many those that fit worst, and how many are left out."""
     images, landmarks = c.campaign.images.ids, c.campaign.landmarks.ids
-    of_images = _grouped(c, c.observations.image, len(images))
+    of_images = _grouped(c, c.campaign.sightings.image, len(images))
     of_landmarks = _grouped(c, c.observations.landmark, len(landmarks))
     left = {
         "images": max(len(images) - LISTED_AT_MOST, 0),

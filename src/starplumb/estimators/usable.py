@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ..physics.errors import InputError
 from ..physics.units import DEG
-from ..table.equation import in_front
+from ..table.equation import ahead
 from ..table.observations import Observations
 from .protocol import AlignmentEstimate, Status
 
@@ -102,8 +102,8 @@ def status_of(
     sighting in the solution lies behind the camera: no camera sees that, so the answer cannot be the true one.  A
     method without chi-square is asked besides whether its answer :func:`fits <fits>`.
     """
-    ahead = in_front(C_EK, observations.e_E) | (observations.weight == 0.0)
-    sound = converged & np.all(ahead, axis=-1) & np.all(np.isfinite(C_EK), axis=(-2, -1))
+    seen = ahead(observations, C_EK) | (observations.weight == 0.0)
+    sound = converged & np.all(seen, axis=-1) & np.all(np.isfinite(C_EK), axis=(-2, -1))
     sound = sound & (fits(observations, C_EK, covariance_E) if chi2 is None else np.isfinite(chi2))
     answered = np.where(sound, int(Status.OK), int(Status.NOT_CONVERGED))
     return np.asarray(np.where(determined, answered, int(Status.SINGULAR)))

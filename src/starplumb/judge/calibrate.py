@@ -187,7 +187,7 @@ def calibrate(campaign: Campaign, estimator: Estimator, by_gls: Calibration | No
         residuals=left,
         status=status,
         sentences=said(found) if own.usable else (_without_answer(own), *said(found)),
-        rejected=() if snooping is None else rejections(fit, snooping, verdict),
+        rejected=() if snooping is None else rejections(fit, snooping, verdict, campaign.sightings.image),
         snooping=snooping,
         combinations=traded,
         notices=tuple(finding.sentence for finding in found if finding.informs),

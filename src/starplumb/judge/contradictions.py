@@ -150,6 +150,9 @@ def culprit(campaign: Campaign, o: Observations, tested: Tested, used: Mask) -> 
         name = campaign.landmarks.ids[int(tested.repeated[q])]
         return f"landmark {name} fits worst, at {np.sqrt(tested.landmarks[0][q]):.3g} sigma"
     row = int(np.argmax(of_sightings))
-    image, landmark = campaign.images.ids[int(o.image[row])], campaign.landmarks.ids[int(o.landmark[row])]
+    image, landmark = (
+        campaign.images.ids[int(campaign.sightings.image[row])],
+        campaign.landmarks.ids[int(o.landmark[row])],
+    )
     statistic = np.sqrt(tested.sightings[0][row])
     return f"the sighting of landmark {landmark} in image {image} fits worst, at {statistic:.3g} sigma"

@@ -151,8 +151,11 @@ def _times(K: Array, e: Array) -> Array:
     return np.asarray(K[:, :, 0] * e[:, :1] + K[:, :, 1] * e[:, 1:])
 
 
-def rejections(fit: Fit, snooping: Snooping, verdict: NDArray[np.int64]) -> tuple[Rejection, ...]:
-    """Every rejected sighting with its statistic and the reason in words, in the order of the table."""
+def rejections(
+    fit: Fit, snooping: Snooping, verdict: NDArray[np.int64], picture: Index
+) -> tuple[Rejection, ...]:
+    """Every rejected sighting with its statistic and the reason in words, in the order of the table; ``picture`` (n,)
+    names the image of each, which shares its errors with those of other cameras."""
     rows = np.flatnonzero(verdict != int(Verdict.USED))
     if rows.size == 0:
         return ()
@@ -173,7 +176,7 @@ def rejections(fit: Fit, snooping: Snooping, verdict: NDArray[np.int64]) -> tupl
         else:
             member = image if verdict[row] == int(Verdict.IMAGE) else landmark
             statistic, reason = groups[int(verdict[row]), member]
-        found.append(Rejection(image, landmark, statistic, reason))
+        found.append(Rejection(int(picture[row]), landmark, statistic, reason))
     return tuple(found)
 
 

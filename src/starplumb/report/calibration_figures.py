@@ -94,7 +94,7 @@ def trend(
         label = "latitude, deg"
     else:
         few = len(ids) <= NAMED_IMAGES
-        x, label = c.observations.image.astype(np.float64), "image" if few else "image, counted from 0"
+        x, label = c.campaign.sightings.image.astype(np.float64), "image" if few else "image, counted from 0"
         ticks = tuple(_short(name) for name in ids) if few else ()
     kind, px, words = (
         ("all", c.residuals.after_px, "All residuals")

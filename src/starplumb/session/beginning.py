@@ -33,6 +33,8 @@ EXAMPLES: dict[str, object] = {
     "euler_order": "ZYX",
     "mounting.from": "camera",
     "mounting.to": "star_tracker",
+    "cameras.name": "nadir",
+    "cameras.mounting": {"from": "nadir", "to": "star_tracker", "quaternion_xyzw": [0.0, 0.0, 0.0, 1.0]},
     "mounting.sigma_arcsec": [3600.0, 3600.0, 3600.0],
     "ephemeris.file": "ephemeris.csv",
     "ephemeris.object": "SAT1",

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from ..estimators import BEARS, METHODS, methods
+from ..estimators.cameras import Jointly
 from ..estimators.protocol import Estimator
 from ..io.text.files import nearest
 from ..judge.motion.asked import columns_asked
@@ -89,10 +90,12 @@ def calibrate(
     given, NotIdentified where no match is found.
     An answer that must not be used is returned like any other: look at ``status``, or call ``raise_if_unusable``.
     """
-    name = method if isinstance(method, str) else type(method).__name__
+    name = name_of(method)
     wanted = [estimate] if isinstance(estimate, str) else estimate
     columns_asked(drift)  # before the work
     campaign.loaded.coverage.require()
+    if drift != "none":
+        campaign.require_one_camera("a motion of the mounting (drift)")
     campaign, known = (campaign, None) if prior is None else with_prior(campaign, prior)
     estimator = estimator_of(method, wanted, campaign.loaded.campaign, start)
     found = identify(campaign, reach_deg)
@@ -115,6 +118,12 @@ def estimator_of(
     from ..table.parameter_names import parameters
 
     wanted = [name.strip() for text in estimate for name in text.split(",") if name.strip()]
+    if campaign.several and method not in WITH_PARAMETERS:
+        raise ArgumentError(
+            "method",
+            f"found {name_of(method)} for several cameras, wanted {', '.join(WITH_PARAMETERS[:-1])} or "
+            f"{WITH_PARAMETERS[-1]}, which estimate their mountings together",
+        )
     if not isinstance(method, str):
         if wanted:
             raise ArgumentError(
@@ -128,7 +137,7 @@ def estimator_of(
             "start",
             f"found model with the method {method}, which needs no start; wanted one of {', '.join(BEARS)}",
         )
-    if not wanted:
+    if not wanted and not campaign.several:
         return methods(start)[method]()
     if method not in WITH_PARAMETERS:
         raise ArgumentError(
@@ -146,7 +155,19 @@ def estimator_of(
             f"found {both[0]!r}, which [consider] holds; wanted it there or here "
             f"(with its sigma: {both[0]}=...), not both",
         )
-    return gls if method == "gls" else Default(gls) if method == "default" else Robust(gls)
+    make: dict[str, Callable[[Gls], Estimator]] = {
+        "gls": lambda gls: gls,
+        "default": Default,
+        "robust": Robust,
+    }
+    if campaign.rig is not None and campaign.several:
+        return Jointly(campaign.rig.names, make[method], gls)
+    return make[method](gls)
+
+
+def name_of(method: str | Estimator) -> str:
+    """A method's name, or that of an estimator's class."""
+    return method if isinstance(method, str) else type(method).__name__
 
 
 def estimators_of(methods: Sequence[str] | str) -> Mapping[str, Estimator]:

@@ -98,8 +98,16 @@ class Campaign(Shown):
 
     @property
     def frames(self) -> tuple[str, str]:
-        """The names of the camera's and the star tracker's frame."""
-        return "camera", self.loaded.config.tracker
+        """The names of the camera's and the star tracker's frame; of several cameras those of the first."""
+        return self.loaded.config.first[0], self.loaded.config.tracker
+
+    def require_one_camera(self, what: str) -> None:
+        """Raise InputError where the campaign has several cameras and ``what`` works with one."""
+        if self.loaded.campaign.several:
+            names = ", ".join(self.loaded.config.optics)
+            raise InputError(
+                f"{self.source}: cameras: found {names}, wanted one camera: {what} works with one"
+            )
 
     def require_observations(self) -> None:
         """Raise InputError where the campaign has detections whose landmarks are not known, or marks without attitude

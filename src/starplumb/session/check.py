@@ -153,7 +153,7 @@ def _document(loaded: LoadedCampaign) -> dict[str, Any]:
         "frames": {
             "ephemeris": config.ephemeris.frame,
             **{key: f"{a.source} to {a.target}" for key, a in config.attitudes.items()},
-            "mounting": f"{config.mounting.source} to {config.mounting.target}",
+            "mounting": f"{config.first[2].source} to {config.first[2].target}",
         },
         "series": [_series(span, scale) for span in spans(c)],
         "images": {

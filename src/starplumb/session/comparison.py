@@ -102,6 +102,7 @@ def compare(
     form.  Raises InputError where there is nothing to use.
     """
     campaign.require_observations()
+    campaign.require_one_camera("the comparison of methods")
     found = answers(campaign.loaded.campaign, methods(start))
     return Comparison(campaign, tuple(watch(found, len(METHODS))))
 

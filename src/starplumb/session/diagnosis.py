@@ -84,6 +84,7 @@ def diagnose(campaign: Campaign) -> Diagnosis:
     Raises InputError where there is nothing to use.
     """
     campaign.require_observations()
+    campaign.require_one_camera("the search for mistakes")
     return Diagnosis(campaign, run(campaign.loaded.campaign, _written(campaign)))
 
 
@@ -94,7 +95,7 @@ def _written(campaign: Campaign) -> Written:
     return Written(
         time_scale=config.campaign.time_scale,
         attitude_to_tracker=attitude.target == attitude.tracker,
-        mounting_from_camera=config.mounting.source == CAMERA,
+        mounting_from_camera=config.first[2].source in (CAMERA, config.first[0]),
     )
 
 

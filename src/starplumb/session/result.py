@@ -334,7 +334,7 @@ def _fixed(values: Array, places: int = 3) -> tuple[str, ...]:
 def _sentences(c: Calibration) -> list[str]:
     """Counts, status, fit and geolocation, a line each."""
     used = c.residuals.used
-    images = np.unique(c.observations.image[used]).size
+    images = np.unique(c.campaign.sightings.image[used]).size
     lines = [f"{images} images, {int(np.sum(used))} observations; status {c.status.name.lower()}"]
     if c.estimate.chi2 is not None and c.chi2_p is not None and c.estimate.degrees_of_freedom is not None:
         dof = int(c.estimate.degrees_of_freedom)

@@ -49,7 +49,7 @@ def sample(o: Observations) -> Observations:
 def part(o: Observations, rows: Rows) -> Observations:
     """Some rows (a slice is not copied), with all images and landmarks as they are (no batch axes)."""
     own = {name: getattr(o, name)[rows] for name in ("image", "landmark", *PER_SIGHTING)}
-    own |= {name: getattr(o, name)[rows] for name in MAY_LACK if getattr(o, name) is not None}
+    own |= {name: getattr(o, name)[rows] for name in (*MAY_LACK, "camera") if getattr(o, name) is not None}
     return replace(o, **own)
 
 

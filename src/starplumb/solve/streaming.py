@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..physics.lens import LensNumbers, near
-from ..table.equation import Nine, predict
+from ..table.cameras.mounting import CameraMounting
+from ..table.equation import Nine, predicted
 from ..table.observations import Observations
 from ..table.parameters import OPTICS, LookAngles, Moves, Optics, Parameter, split
 from ..table.seen import ImageErrors, without_errors
@@ -151,16 +152,31 @@ class Stream:
                 o = parameter.apply(o, value)
         W = np.empty((ROWS, o.image[rows].size))
         load(W, o, rows, errors)
-        make = compiled_fill() if self.compiled else fill
-        make(W, cast("Nine", tuple(C_EK.reshape(-1).tolist())), lens, errors is not None)
-        looks = next((p for p, _ in own if isinstance(p, LookAngles)), None)
+        self._fill(W, part(o, rows) if o.C_KC is not None else o, C_EK, lens)
+        looks = next((p for p, _ in own if isinstance(p, LookAngles | CameraMounting)), None)
         if looks is not None:
-            h = predict(C_EK, o.e_E if errors is None else without_errors(o, errors))
+            h = predicted(o, C_EK, o.e_E if errors is None else without_errors(o, errors))
             o = replace(o, xy_K=near(h, o.xy_K, looks.reach))
         pairs = _design(W, o, own)
         if o.common_px is not None:
             pairs.append(_whitened(W, o.common_px[rows]))
         return [_joined(axis) for axis in zip(*pairs, strict=True)]
+
+    def _fill(self, W: Array, o: Observations, C_EK: Array, lens: LensNumbers) -> None:
+        """Make what stands behind what was measured, camera by camera where there are several."""
+        make, about = compiled_fill() if self.compiled else fill, self.errors is not None
+        if o.C_KC is None:
+            make(W, _nine(C_EK), lens, about)
+            return
+        for k, C_KC in enumerate(o.C_KC):
+            mine = np.flatnonzero(o.camera == k)
+            own = np.ascontiguousarray(W[:, mine])
+            make(own, _nine(C_EK @ C_KC), lens, about)
+            W[:, mine] = own
+
+
+def _nine(C: Array) -> Nine:
+    return cast("Nine", tuple(C.reshape(-1).tolist()))
 
 
 def _ordered(products: Array) -> Array:

@@ -15,6 +15,7 @@ from ..physics.earth import C_JT, itrf_to_geodetic
 from ..physics.light import Corrections
 from ..physics.series import Attitude, Ephemeris, Orientation
 from ..physics.trackers import FusedAttitude
+from .cameras.rig import Rig
 from .row_times import RowTimes
 
 Array = NDArray[np.float64]
@@ -85,7 +86,7 @@ class Images:
     tracker each attitude is from, ``passes`` and ``sessions`` (m,) the pass and session of each image, None where they
     are not distinguished; ``sigma_time_s`` (m,) is the sigma of each image's own error of time; ``row_times`` (m,) are
     the times of the rows of images whose rows are uneven, None for each other one; ``temperatures`` (m,) deg C by name
-    are what the mounting may move with."""
+    are what the mounting may move with; ``camera`` (m,) names the camera of each, None where there is but one."""
 
     ids: tuple[str, ...]
     t_ns: Epochs
@@ -98,6 +99,7 @@ class Images:
     sigma_time_s: Array | None = None
     row_times: tuple[RowTimes | None, ...] | None = None
     temperatures: Mapping[str, Array] = field(default_factory=dict)
+    camera: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
         m = _distinct("image", self.ids)
@@ -110,7 +112,7 @@ class Images:
             _shape("sigma_time_s", self.sigma_time_s, (m,))
         for name, values in self.temperatures.items():
             _shape(f"temperature {name}", values, (m,))
-        for name in ("tracker", "passes", "sessions", "row_times"):
+        for name in ("tracker", "passes", "sessions", "row_times", "camera"):
             names = getattr(self, name)
             if names is not None and len(names) != m:
                 raise ValueError(f"{name} names {len(names)} images, wanted {m}")
@@ -246,6 +248,8 @@ class Campaign:
     attitude_errors                         what is stated of who shares an error of attitude
     position_errors                         the same of the position error
     considered                              names of parameters that are not estimated and their sigmas, SI
+    rig                                     the cameras by name where they have names; ``camera`` and ``C_EK`` are then
+                                            the first one's
     =================== =================== ==================================================================
     """
 
@@ -269,6 +273,7 @@ class Campaign:
     turn_E: Array | None = None
     known_from: str = "mounting.sigma_arcsec"
     considered: tuple[tuple[str, float], ...] = ()
+    rig: Rig | None = None
 
     def __post_init__(self) -> None:
         _shape("C_EK", self.C_EK, (3, 3))
@@ -285,6 +290,11 @@ class Campaign:
             raise ValueError("an inertial position_frame needs the orientation of the Earth")
         _indices("image", self.sightings.image, m)
         _indices("landmark", self.sightings.landmark, len(self.landmarks.ids))
+
+    @property
+    def several(self) -> bool:
+        """Whether there is more than one camera."""
+        return self.rig is not None and self.rig.several
 
     @property
     def prior_E(self) -> Array | None:

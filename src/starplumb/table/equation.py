@@ -104,14 +104,31 @@ def in_front(C_EK: Array, e_E: Array) -> NDArray[np.bool_]:
     return np.asarray(e_E @ C_EK[..., :, 2:])[..., 0] > 0.0
 
 
+def ahead(observations: Observations, C_EK: Array) -> NDArray[np.bool_]:
+    """Where markers lie before their camera and not behind it, (..., n), the first mounted at C_EK (..., 3, 3)."""
+    o = observations
+    if o.C_KC is None:
+        return in_front(C_EK, o.e_E)
+    return np.asarray(np.vecdot(o.mountings(C_EK)[..., 2], o.e_E) > 0.0)
+
+
 def predict(C_EK: Array, e_E: Array) -> Array:
     """Tangents (..., n, 2) at which directions e_E (..., n, 3) appear in a camera mounted at C_EK (..., 3, 3)."""
     return _stacked(project(_mounting(C_EK), _triple(e_E))[0])
 
 
+def predicted(observations: Observations, C_EK: Array, e_E: Array) -> Array:
+    """Tangents (..., n, 2) at which directions e_E (..., n, 3) appear in the camera of each sighting."""
+    return _stacked(project(_nine(observations.mountings(C_EK)), _triple(e_E))[0])
+
+
 def pixel_residual(C_EK: Array, e_E: Array, xy_K: Array, slope_K: Array, row_rate_E: Array) -> Array:
     """z = B^-1 F: predicted minus measured pixel (column, row), (..., n, 2)."""
-    h, _, P_x, P_y = project(_mounting(C_EK), _triple(e_E))
+    return _residual(_mounting(C_EK), e_E, xy_K, slope_K, row_rate_E)
+
+
+def _residual(C: Nine, e_E: Array, xy_K: Array, slope_K: Array, row_rate_E: Array) -> Array:
+    h, _, P_x, P_y = project(C, _triple(e_E))
     T = inverse(per_pixel(_four(slope_K), _triple(row_rate_E), P_x, P_y))
     return _stacked(through(T, h[0] - xy_K[..., 0], h[1] - xy_K[..., 1]))
 
@@ -119,13 +136,13 @@ def pixel_residual(C_EK: Array, e_E: Array, xy_K: Array, slope_K: Array, row_rat
 def residual_px(observations: Observations, C_EK: Array) -> Array:
     """Predicted minus measured pixel (column, row), (..., n, 2), at the mounting C_EK (..., 3, 3)."""
     o = observations
-    return pixel_residual(C_EK, o.e_E, o.xy_K, o.slope_K, o.row_rate_E)
+    return _residual(_nine(o.mountings(C_EK)), o.e_E, o.xy_K, o.slope_K, o.row_rate_E)
 
 
 def linearise(observations: Observations, C_EK: Array) -> Linearised:
     """Residual and Jacobians at the mounting C_EK (..., 3, 3)."""
     o, e = observations, _triple(observations.e_E)
-    h, s_z, P_x, P_y = project(_mounting(C_EK), e)
+    h, s_z, P_x, P_y = project(_nine(o.mountings(C_EK)), e)
     B = per_pixel(_four(o.slope_K), _triple(o.row_rate_E), P_x, P_y)
     T = inverse(B)
     g = gradient(T[0], T[1], P_x, P_y), gradient(T[2], T[3], P_x, P_y)

@@ -13,6 +13,7 @@ from ..physics.earth import intersect_ellipsoid
 from ..physics.errors import EpochError, InputError
 from ..physics.light import Corrections, apparent_direction
 from ..physics.orientation import C_IF
+from .cameras.views import moments
 from .campaign import Campaign
 from .equation import pixel_residual, predict
 from .observations import Observations, sight
@@ -93,11 +94,16 @@ def observe(campaign: Campaign) -> Observations:
     """
     s = campaign.sightings
     station = stations(campaign, s.image, s.row_px)
-    xy_K, slope_K = campaign.camera.tan_from_px(s.column_px, s.row_px)
+    rig = campaign.rig if campaign.several else None
+    xy_K, slope_K = (
+        campaign.camera.tan_from_px(s.column_px, s.row_px)
+        if rig is None
+        else rig.tan_from_px(s.image, s.column_px, s.row_px)
+    )
     p_J = campaign.landmarks.r_J[s.landmark]
     directions = apparent(campaign, station, p_J)
     return Observations(
-        image=s.image,
+        image=s.image if rig is None else moments(campaign)[s.image],
         landmark=s.landmark,
         xy_K=xy_K,
         slope_K=slope_K,
@@ -117,6 +123,8 @@ def observe(campaign: Campaign) -> Observations:
         corrections=campaign.corrections,
         prior_E=campaign.prior_E,
         epoch_s=np.asarray((campaign.images.t_ns - campaign.images.t_ns[:1]) / 1e9),
+        camera=None if rig is None else rig.of_image[s.image],
+        C_KC=None if rig is None else rig.C_KC,
     )
 
 

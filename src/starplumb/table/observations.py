@@ -45,6 +45,9 @@ class Observations:
     errors that any other set of sightings has in common (a drift, a pass, the optics), None for none; ``common_of``
     (p,) names the source of each, None where that is not known.
 
+    Of several cameras ``camera`` (n,) says which took each sighting, and ``C_KC`` (..., k, 3, 3) takes coordinates from
+    the frame C of each, in which its tangents are, to that of the first, K; None for one camera.
+
     ``corrections`` are those in ``e_E``.  ``prior_E`` (3, 3) rad^2 is what was known of the model mounting's error
     ``theta_E``, None for nothing.  ``epoch_s`` (m,) is each image's time after the first one listed, s, None where
     not known.
@@ -74,6 +77,8 @@ class Observations:
     common_px: Array | None = None
     common_of: tuple[str, ...] | None = None
     ellipse: Array | None = None
+    camera: Index | None = None
+    C_KC: Array | None = None
 
     def __post_init__(self) -> None:
         n = self.image.size
@@ -115,7 +120,14 @@ class Observations:
     def e_K(self) -> Array:
         """Measured look directions as unit vectors (..., n, 3)."""
         e = np.concatenate([self.xy_K, np.ones((*self.xy_K.shape[:-1], 1))], axis=-1)
-        return np.asarray(e / np.linalg.norm(e, axis=-1, keepdims=True))
+        e = np.asarray(e / np.linalg.norm(e, axis=-1, keepdims=True))
+        return e if self.C_KC is None else (self.C_KC[..., self.camera, :, :] @ e[..., None])[..., 0]
+
+    def mountings(self, C_EK: Array) -> Array:
+        """C_EC of each sighting's camera (..., n, 3, 3) by the first one's mounting C_EK (..., 3, 3); of one camera
+        (..., 1, 3, 3)."""
+        C = C_EK[..., None, :, :]
+        return C if self.C_KC is None else C @ self.C_KC[..., self.camera, :, :]
 
     def with_geometry(self, **changes: Any) -> Observations:
         """The same sightings with other measured geometry (C_EJ, r_J, p_J, corrections...), directions recomputed."""
@@ -134,13 +146,15 @@ class Observations:
         for name in MAY_LACK:
             if getattr(self, name) is not None:
                 chosen[name] = getattr(self, name)[..., keep, :, :]
+        if self.camera is not None:
+            chosen["camera"] = self.camera[keep]
         return replace(self, **chosen)
 
     def run(self, index: tuple[int, ...] | tuple[Index]) -> Observations:
         """One run of a batch: the table at ``index`` into :attr:`batch`, without batch axes; of one batch axis also
         several runs (r,)."""
         chosen: dict[str, Any] = {}
-        shared = dict.fromkeys(("cov_attitude_E", "cov_position_J", "cov_landmark_J", *MAY_LACK), 3)
+        shared = dict.fromkeys(("cov_attitude_E", "cov_position_J", "cov_landmark_J", "C_KC", *MAY_LACK), 3)
         for name, own_axes in ({name: 1 + len(tail) for name, tail in _TAILS.items()} | shared).items():
             values = getattr(self, name)
             if values is None:

@@ -62,6 +62,12 @@ def of_sigmas(sigmas: Mapping[str, float], campaign: Campaign) -> tuple[Paramete
         names = ", ".join(("focal_length", *GROUPS, *CLOCKS, "trackers"))
         raise ArgumentError("estimate", f"found {rest[0]!r}, wanted one or more of {names}")
     found: list[Parameter] = []
+    if campaign.several and (optics or looks):
+        name = (*optics, *looks)[0]
+        raise ArgumentError(
+            "estimate",
+            f"found {name!r} in a campaign of several cameras, wanted it in that camera's own campaign",
+        )
     if optics:
         found.append(_optics(campaign, optics, sigmas))
     if looks:
@@ -80,7 +86,7 @@ def unit_of(name: str) -> str:
         return "px"
     if name.startswith("time"):
         return "ms"
-    return "arcsec" if name.startswith(("tracker", "look")) else ""
+    return "arcsec" if name.startswith(("tracker", "camera", "look")) else ""
 
 
 def sigma_of(name: str, text: str, campaign: Campaign, key: str = "estimate") -> float:

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from ..physics import so3
 from ..physics.lens import near
-from .equation import Linearised, linearise, predict
+from .cameras.mounting import CameraMounting
+from .equation import Linearised, linearise, predicted
 from .observations import Observations
 from .parameters import LookAngles, Optics, Parameter
 
@@ -75,19 +76,19 @@ class Seen:
         for parameter, value in own:
             applied = parameter.apply(applied, value)
         shown = applied if errors is None else replace(applied, e_E=without_errors(applied, errors))
-        predicted = shown
+        foreseen = shown
         for parameter, value in own:
             if isinstance(parameter, Optics):
-                xy_K, slope_K, at_K = parameter.look_at(stated.xy_K, value, predict(C_EK, shown.e_E))
+                xy_K, slope_K, at_K = parameter.look_at(stated.xy_K, value, predicted(shown, C_EK, shown.e_E))
                 shown = replace(shown, xy_K=xy_K, slope_K=slope_K)
-                predicted = replace(shown, xy_K=at_K)
-            elif isinstance(parameter, LookAngles):
-                at_K = near(predict(C_EK, shown.e_E), shown.xy_K, parameter.reach)
-                predicted = replace(shown, xy_K=at_K)
+                foreseen = replace(shown, xy_K=at_K)
+            elif isinstance(parameter, LookAngles | CameraMounting):
+                at_K = near(predicted(shown, C_EK, shown.e_E), shown.xy_K, parameter.reach)
+                foreseen = replace(shown, xy_K=at_K)
         model = linearise(shown, C_EK)
         if errors is not None:
             model = replace(model, z_px=_with_errors(model, applied, errors))
-        return cls(applied, model, predicted)
+        return cls(applied, model, foreseen)
 
 
 def without_errors(o: Observations, errors: ImageErrors) -> Array:

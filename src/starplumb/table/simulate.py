@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..physics import so3
-from .equation import predict
+from .equation import predicted
 from .error_sources import Errors
 from .observations import Observations
 
@@ -23,7 +23,7 @@ def measure(truth: Observations, C_EK_true: Array, errors: Errors) -> Observatio
     so attitude and position are read ``row error x line period`` later (to first order in the motion).
     """
     o = truth
-    xy_K = predict(C_EK_true, o.e_E) + (o.slope_K @ errors.pixel[..., None])[..., 0]
+    xy_K = predicted(o, C_EK_true, o.e_E) + (o.slope_K @ errors.pixel[..., None])[..., 0]
     if errors.tangent is not None:
         xy_K = xy_K + errors.tangent
     late = o.line_period_s * errors.pixel[..., 1]

@@ -107,13 +107,13 @@ def _kernels(files: Mapping[str, TableSource], section: str) -> tuple[Path, ...]
     )
 
 
-def model_mounting(config: Mounting, frames: Frames | None = None) -> Array:
-    """C_EK of the [mounting] section, in whichever direction it is written; ``frames`` join K with the side of it that
-    is fixed to the camera."""
+def model_mounting(config: Mounting, frames: Frames | None = None, camera: str = CAMERA) -> Array:
+    """C_EK of a mounting, in whichever direction it is written; ``frames`` join K, named ``camera``, with the side of
+    it that is fixed to the camera."""
     frames = frames or Frames()
-    at_camera = config.source in frames.joined(CAMERA)
+    at_camera = config.source in {CAMERA, *frames.joined(camera)}
     C_EV, V = (config.C, config.source) if at_camera else (config.C.mT, config.target)
-    return C_EV if V == CAMERA else C_EV @ way(frames, V, CAMERA)
+    return C_EV if V in (CAMERA, camera) else C_EV @ way(frames, V, camera)
 
 
 def _spread(

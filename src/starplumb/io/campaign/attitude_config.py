@@ -185,15 +185,20 @@ def attitude_rules(given: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         )
     elif "fusion" in given:
         yield "fusion", "found beside [attitude], wanted it with [[trackers]] only"
-    frame, key = tracker_of(ends(given.get("attitude"))), "attitude.to"
-    place = "the star tracker's name in [attitude]"
-    if "trackers" in given:
-        frame, key, place = _frame(given), "fusion.frame", "the frame of [fusion]"
+    frame, place = tracker_frame(given)
+    key = "fusion.frame" if "trackers" in given else "attitude.to"
     if frame == CAMERA:
         yield key, f"found {show(CAMERA)}, wanted another name: it is the camera's own"
     elif frame:
         yield from _mounting_rules(given, frame, place)
     yield from _sigma_frame_rules(given)
+
+
+def tracker_frame(given: Mapping[str, Any]) -> tuple[str | None, str]:
+    """The frame in which the attitude is given, where it is stated, and where that is."""
+    if "trackers" in given:
+        return _frame(given), "the frame of [fusion]"
+    return tracker_of(ends(given.get("attitude"))), "the star tracker's name in [attitude]"
 
 
 def _mounting_rules(given: Mapping[str, Any], frame: str, place: str) -> Iterator[tuple[str, str]]:
@@ -203,7 +208,7 @@ def _mounting_rules(given: Mapping[str, Any], frame: str, place: str) -> Iterato
         found = f"found {show(CAMERA)} and {show(frame)} joined by fixed rotations"
         yield "frames", f"{found}, wanted that left to [mounting], which is to be corrected"
     elif mounting := ends(given.get("mounting")):
-        for end, text in _joined(frames, mounting, CAMERA, frame, place):
+        for end, text in joined_rules(frames, mounting, CAMERA, frame, place):
             yield f"mounting.{end}", text
 
 
@@ -298,14 +303,14 @@ def _mounted(i: int, given: Mapping[str, Any], name: str, frame: str) -> Iterato
             missing = f"the rotation between {show(name)} and {show(frame)}, the frame of [fusion]"
             yield key, f"missing, wanted {missing}"
     elif between := ends(tracker["mounting"]):
-        for end, text in _joined(frames, between, name, frame, "the frame of [fusion]"):
+        for end, text in joined_rules(frames, between, name, frame, "the frame of [fusion]"):
             yield f"{key}.{end}", text
         earlier = all_frames({**given, "trackers": given["trackers"][:i]})
         if between[1] in earlier.joined(between[0]):
             yield key, f"found a second way between {show(between[0])} and {show(between[1])}, wanted one"
 
 
-def _joined(
+def joined_rules(
     frames: Frames, found: tuple[str, str], own: str, frame: str, place: str
 ) -> Iterator[tuple[str, str]]:
     """A mounting must join ``own``, its device, and ``frame``, or what is fixed to them, in either direction."""

@@ -10,7 +10,7 @@ from ...physics.camera import Camera, Distortion, FrameCamera, LineScanCamera
 from ...physics.errors import InputError
 from ...physics.units import MM, UM
 from ..tables.read import TableSource, read_table
-from .config import CameraConfig
+from .cameras.config import CameraConfig
 
 
 def pixel_shift(config: CameraConfig) -> float:

@@ -12,19 +12,14 @@ from pydantic import Field
 
 from ..imagery.config import ImageryConfig, MeasureConfig, ReferenceConfig
 from ..tables.keys import TimedKeys, UnitsConfig
-from ..text.files import show
 from ..text.sections import Section
 from ..text.values import (
     Frame,
     InMemory,
-    Pair,
     Positive,
     Quaternion,
     Sigma,
     Text,
-    Triple,
-    WholePair,
-    Window,
     choice,
 )
 from .attitude_config import (
@@ -36,6 +31,7 @@ from .attitude_config import (
     attitude_rules,
     sharing_rules,
 )
+from .cameras.config import CameraConfig, NamedCamera, camera_rules
 from .fixed_frames import CAMERA, FixedFrame, Frames, frame_rules
 from .spice_config import SpiceConfig
 from .table_config import DetectionsConfig, ImagesConfig, LandmarksConfig, ObservationsConfig
@@ -49,96 +45,6 @@ class General(Section):
     time_scale: Annotated[Literal["UTC", "TAI", "GPS", "TT"], choice("UTC", "TAI", "GPS", "TT")] = Field(
         description='the scale of all times in the tables, "UTC", "TAI", "GPS" or "TT"'
     )
-
-
-class Distortion(Section):
-    """camera.distortion: Brown-Conrady, from ideal tangents to those the optics give."""
-
-    model: Annotated[Literal["brown-conrady"], choice("brown-conrady")] = Field(description='"brown-conrady"')
-    k: Triple = Field(default=(0.0, 0.0, 0.0), description="the three radial coefficients")
-    p: Pair = Field(default=(0.0, 0.0), description="the two tangential coefficients")
-
-
-_OPTICS = ("focal_length_mm", "pixel_pitch_um", "image_size_px", "principal_point_px")
-
-
-def _readout_rules(given: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    """A frame camera's pixels stay square, and its window lies on the sensor."""
-    if given.get("model") != "frame":
-        return
-    size, window = _whole(given.get("image_size_px"), 2), _whole(given.get("window_px"), 4)
-    binning = _whole(given.get("binning", [1, 1]), 2)
-    if binning and binning[0] != binning[1]:
-        yield (
-            "binning",
-            f"found {show(binning)}, wanted two equal numbers: a pixel of a frame camera is square",
-        )
-    elif size and binning and window:
-        most = [size[0] // binning[0], size[1] // binning[1]]
-        if window[0] + window[2] > most[0] or window[1] + window[3] > most[1]:
-            found = f"found {show(window)}, which ends beyond the sensor"
-            yield "window_px", f"{found}, wanted it within {most[0]} x {most[1]} binned pixels"
-
-
-def _whole(value: object, n: int) -> list[int] | None:
-    """``n`` whole numbers, those of a pair positive; None for anything else, which is refused elsewhere."""
-    least = 1 if n == 2 else 0
-    good = isinstance(value, list) and len(value) == n and all(type(x) is int and x >= least for x in value)
-    return value if good and isinstance(value, list) else None
-
-
-class CameraConfig(Section):
-    """[camera]: optics, or a line scanner's table of look directions, of the full sensor, and what is read of it."""
-
-    model: Annotated[Literal["frame", "line-scan"], choice("frame", "line-scan")] = Field(
-        description='"frame" or "line-scan"'
-    )
-    focal_length_mm: Positive | None = Field(
-        default=None, description="the focal length, a positive number of millimetres"
-    )
-    pixel_pitch_um: Positive | None = Field(
-        default=None, description="the pixel pitch, a positive number of micrometres"
-    )
-    image_size_px: WholePair | None = Field(
-        default=None, description="two positive whole numbers, columns and rows"
-    )
-    principal_point_px: Pair | None = Field(
-        default=None, description="two numbers, column and row of the principal point"
-    )
-    pixel_origin: Annotated[Literal["center", "corner"], choice("center", "corner")] = Field(
-        default="center", description='"center" or "corner"'
-    )
-    distortion: Distortion | None = Field(default=None, description="a section with model, k and p")
-    look_angles: Text | None = Field(default=None, description="the name of a CSV table")
-    binning: WholePair = Field(
-        default=(1, 1),
-        description="two positive whole numbers, columns and rows joined in a pixel of the image",
-    )
-    window_px: Window | None = Field(
-        default=None,
-        description="first column, first row, columns and rows of the image, counted in binned pixels",
-    )
-
-    @classmethod
-    def rules(cls, given: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-        yield from _readout_rules(given)
-        if "look_angles" in given and given.get("model") == "frame":
-            yield "look_angles", 'found a table of look directions, wanted it for model = "line-scan" only'
-            return
-        table = "look_angles" in given
-        for key in _OPTICS:
-            if key not in given and not table:
-                yield key, f"missing, wanted {cls.model_fields[key].description}"
-            elif key in given and table and key != "image_size_px":
-                yield (
-                    key,
-                    "found beside look_angles, wanted only one of the two ways to state the look directions",
-                )
-        if table and "distortion" in given:
-            yield (
-                "distortion",
-                "found beside look_angles, wanted it with a focal length only (the table has it already)",
-            )
 
 
 class EphemerisConfig(TimedKeys):
@@ -242,8 +148,13 @@ class CampaignConfig(Section):
     """The whole of campaign.toml."""
 
     campaign: General = Field(description="the section [campaign] with name and time_scale")
-    camera: CameraConfig = Field(description="the section [camera]")
-    mounting: Mounting = Field(description="the section [mounting]")
+    camera: CameraConfig | None = Field(default=None, description="the section [camera]")
+    mounting: Mounting | None = Field(default=None, description="the section [mounting]")
+    cameras: list[NamedCamera] | None = Field(
+        default=None,
+        description="in place of [camera] and [mounting] tables [[cameras]], each with a name, a mounting and the keys "
+        "of [camera]",
+    )
     ephemeris: EphemerisConfig = Field(description="the section [ephemeris] with file, frame and sigma_m")
     attitude: AttitudeConfig | None = Field(
         default=None, description="the section [attitude] with file, from, to and sigma_arcsec"
@@ -294,10 +205,30 @@ class CampaignConfig(Section):
         return Frames.of(self.frames, filter(None, turns))
 
     @property
+    def optics(self) -> dict[str, tuple[CameraConfig, Mounting]]:
+        """Every camera and its mounting by the name of its frame; that of [camera] is "camera"."""
+        if self.cameras:
+            return {each.name: (each, each.mounting) for each in self.cameras}
+        if self.camera is None or self.mounting is None:
+            raise ValueError("the rules want a camera and its mounting")
+        return {CAMERA: (self.camera, self.mounting)}
+
+    @property
+    def first(self) -> tuple[str, CameraConfig, Mounting]:
+        """The name, the section and the mounting of the only camera, or of the first."""
+        name, (camera, mounting) = next(iter(self.optics.items()))
+        return name, camera, mounting
+
+    def key_of(self, name: str) -> str:
+        """The key of a camera's mounting."""
+        return "mounting" if self.cameras is None else f"cameras.{list(self.optics).index(name)}.mounting"
+
+    @property
     def tracker(self) -> str:
-        """The name of E: the side of [mounting] that is not the camera's."""
-        at_camera = self.mounting.source in self.joined_frames.joined(CAMERA)
-        return self.mounting.target if at_camera else self.mounting.source
+        """The name of E: the side of the first mounting that is not the camera's."""
+        name, _, mounting = self.first
+        at_camera = mounting.source in {CAMERA, *self.joined_frames.joined(name)}
+        return mounting.target if at_camera else mounting.source
 
     @property
     def attitudes(self) -> dict[str, AttitudeConfig]:
@@ -316,9 +247,14 @@ class CampaignConfig(Section):
                 "observations",
                 f"missing, wanted the section [observations] or [detections] with file{first}",
             )
+        yield from camera_rules(
+            given, {key: cls.model_fields[key].description for key in ("camera", "mounting")}
+        )
         yield from frame_rules(given)
         yield from attitude_rules(given)
-        model = _section(given, "camera").get("model")
+        cameras = given.get("cameras")
+        first = {"camera": cameras[0]} if isinstance(cameras, list) and cameras else dict(given)
+        model = _section(first, "camera").get("model")
         if model == "line-scan" and "images" in given and "file" not in _section(given, "images"):
             yield "images.file", "missing, wanted a table with line_period_s for a line scanner"
 

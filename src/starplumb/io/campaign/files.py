@@ -86,17 +86,25 @@ def _named(config: CampaignConfig) -> dict[str, str]:
     named = {"ephemeris.file": config.ephemeris.file, "landmarks.file": _listed(config.landmarks.file)}
     optional = {
         "images.file": config.images.file,
-        "camera.look_angles": config.camera.look_angles,
         "landmarks.dem": config.landmarks.dem,
         "landmarks.geoid": config.landmarks.geoid,
         "observations.file": config.observations and _listed(config.observations.file),
         "detections.file": config.detections and _listed(config.detections.file),
         "earth.orientation_file": config.earth and config.earth.orientation_file,
     }
+    optional |= {
+        look_angles_key(config, name): camera.look_angles for name, (camera, _) in config.optics.items()
+    }
     attitudes = {f"{key}.file": section.file for key, section in config.attitudes.items()}
     for key, section in config.attitudes.items():
         attitudes |= {f"{key}.kernels.{i}": name for i, name in enumerate(section.kernels)}
     return named | attitudes | {key: name for key, name in optional.items() if name}
+
+
+def look_angles_key(config: CampaignConfig, name: str) -> str:
+    """The key that names the look directions of a camera."""
+    section = "camera" if config.cameras is None else f"cameras.{list(config.optics).index(name)}"
+    return f"{section}.look_angles"
 
 
 def _listed(file: str | Sequence[str]) -> str:

@@ -22,8 +22,9 @@ from ..tables.read import Table
 from ..text.frames import earth_frame
 from ..text.toml import check, refuse
 from . import motion
-from .attitude import Exposures, model_mounting, read_attitude
-from .camera import pixel_shift, read_camera
+from .attitude import Exposures, read_attitude
+from .camera import pixel_shift
+from .cameras.rig import Optics, read_optics
 from .config import CampaignConfig
 from .files import Files
 from .fixed_frames import Turn
@@ -85,7 +86,7 @@ class LoadedCampaign:
     @property
     def shift_px(self) -> float:
         """What the user's pixel coordinates are ahead of ours: 0.5 where (0, 0) is a corner."""
-        return pixel_shift(self.config.camera)
+        return pixel_shift(self.config.first[1])
 
 
 def load_campaign(
@@ -146,7 +147,7 @@ class LoadedImages:
     @property
     def shift_px(self) -> float:
         """What the user's pixel coordinates are ahead of ours."""
-        return pixel_shift(self.config.camera)
+        return pixel_shift(self.config.first[1])
 
 
 MEASURED = ("landmarks", "observations")
@@ -213,14 +214,15 @@ def _assemble(
     marked: bool = True,
 ) -> tuple[Campaign, Detections | None, Table | None]:
     scale = config.campaign.time_scale
-    camera = read_camera(config.camera, files.tables.get("camera.look_angles"), notices)
-    images = _images(config, files, camera.scans, notices)
+    optics = read_optics(config, files.tables, notices)
+    images = _images(config, files, optics, notices)
+    rig = optics.rig(images)
     landmarks, sightings = Landmarks((), np.empty((0, 3)), np.empty((0, 3, 3))), _no_sightings()
     detections, rows = None, None
     if marked:
         landmarks = _landmarks(config, files, notices)
-        grid = markers.Grid(*camera.size_px, shift_px=pixel_shift(config.camera))
-        sightings, detections, rows = _marks(config, files, images, landmarks, grid, notices)
+        grids = markers.Grids(dict(zip(optics.cameras, optics.grids, strict=True)), optics.of_image(images))
+        sightings, detections, rows = _marks(config, files, images, landmarks, grids, notices)
     marks = sightings if detections is None else detections
     if rows is not None:
         require_rows(images, marks.image, marks.row_px, rows)
@@ -229,17 +231,18 @@ def _assemble(
     )
     exposures = Exposures(images, marks.image, images.exposed(marks.image, marks.row_px))
     attitude, cov_attitude_E = read_attitude(settings, config, files.tables, orientation, exposures, notices)
-    turns = {"mounting": config.mounting} | {f"frames.{name}": f for name, f in config.frames.items()}
+    turns: dict[str, Turn] = {f"frames.{name}": f for name, f in config.frames.items()}
+    turns = {config.key_of(name): mounting for name, (_, mounting) in config.optics.items()} | turns
     notices += [text for key, turn in turns.items() for text in _rounded(f"{settings}: {key}", turn)]
     if config.earth is not None and orientation is None:
         notices.append(
             f"{settings}: earth.orientation_file is not used, since no frame of the campaign is inertial"
         )
-    prior, switches = config.mounting.sigma_arcsec, config.corrections
+    prior, switches = config.first[2].sigma_arcsec, config.corrections
     campaign = Campaign(
         name=config.campaign.name,
-        camera=camera,
-        C_EK=model_mounting(config.mounting, config.joined_frames),
+        camera=optics.first,
+        C_EK=optics.C_EC[0],
         sigma_mounting=None if prior is None else ARCSEC * np.array(prior),
         ephemeris=ephemeris,
         sigma_position=np.array(config.ephemeris.sigma_m),
@@ -253,6 +256,7 @@ def _assemble(
         orientation=orientation,
         attitude_errors=attitude_sharing(config, attitude, exposures),
         position_errors=position_sharing(config.ephemeris),
+        rig=rig,
     )
     return _considering(campaign, config, settings), detections, rows
 
@@ -265,7 +269,7 @@ def _considering(campaign: Campaign, config: CampaignConfig, settings: str) -> C
         raise InputError(f"{settings}: {error}") from None
 
 
-def _images(config: CampaignConfig, files: Files, scans: bool, notices: list[str]) -> Images:
+def _images(config: CampaignConfig, files: Files, optics: Optics, notices: list[str]) -> Images:
     """The images of their table, or where there is none those of the observations or detections."""
     scale, pattern, declared = (
         config.campaign.time_scale,
@@ -274,7 +278,14 @@ def _images(config: CampaignConfig, files: Files, scans: bool, notices: list[str
     )
     if "images.file" in files.tables:
         return read_images(
-            files.tables["images.file"], scale, scans, notices, declared, pattern, files.folder
+            files.tables["images.file"],
+            scale,
+            optics.first.scans,
+            notices,
+            declared,
+            pattern,
+            files.folder,
+            tuple(optics.cameras) if optics.named else (),
         )
     key, marks = (
         ("observations", config.observations) if config.observations else ("detections", config.detections)
@@ -306,7 +317,7 @@ def _marks(
     files: Files,
     images: Images,
     landmarks: Landmarks,
-    grid: markers.Grid,
+    grid: markers.Grids,
     notices: list[str],
 ) -> tuple[Sightings, Detections | None, Table]:
     """Sightings of known landmarks, or none and the detections that have none yet."""

@@ -11,7 +11,8 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field
 
 from ..campaign.attitude_config import Mounting
-from ..campaign.config import CameraConfig, CorrectionsConfig
+from ..campaign.cameras.config import CameraConfig
+from ..campaign.config import CorrectionsConfig
 from ..text.files import show
 from ..text.sections import Section, wrong
 from ..text.values import Frame, Positive, Text, choice, number, vector

@@ -123,7 +123,7 @@ def finding_of_rests_on(found: tuple[RestsOn, ...]) -> list[Finding]:
 
 def _unmodelled(campaign: Campaign, known: set[str]) -> Iterator[Unmodelled]:
     """What could be estimated of the camera and its clock, and the refraction."""
-    camera = campaign.camera
+    camera = None if campaign.several else campaign.camera  # optics are a camera's own
     if isinstance(camera, FrameCamera):
         mm, focal = 1e-3, camera.focal_length
         yield from _one(

@@ -40,7 +40,8 @@ def _below_horizon(campaign: Campaign, o: Observations) -> Iterator[Evidence]:
         return
     deepest = rows[np.argmin(sine[rows])]
     names = [
-        f"{campaign.landmarks.ids[o.landmark[i]]} in {campaign.images.ids[o.image[i]]}" for i in rows[:10]
+        f"{campaign.landmarks.ids[o.landmark[i]]} in {campaign.images.ids[campaign.sightings.image[i]]}"
+        for i in rows[:10]
     ]
     names += [""] * (rows.size - len(names))
     yield Evidence(

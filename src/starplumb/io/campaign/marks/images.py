@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
@@ -31,16 +32,18 @@ def read_images(
     declared: Declared = UNDECLARED,
     time_from_id: str | None = None,
     folder: Path = Path(),
+    cameras: Sequence[str] = (),
 ) -> Images:
     """Images with their epochs; the line period, which a line scanner needs and a frame camera has not.
 
     The epochs are those of the column ``time``, or stand in the ids as ``time_from_id`` says.  The column ``row_times``
-    names tables of uneven rows, relative to ``folder``.
+    names tables of uneven rows, relative to ``folder``; the column ``camera`` is read where the campaign names its
+    ``cameras``.
     """
     table = read_table(
         source,
         texts=("image_id",) if time_from_id else ("image_id", "time"),
-        optional_texts=("tracker", "pass", "session", "row_times"),
+        optional_texts=("tracker", "pass", "session", "row_times", *(["camera"] if cameras else [])),
         optional_numbers=("line_period_s", "sigma_time_s"),
         declared=declared,
         like=(f"{TEMPERATURE}*{DEG_C}",),
@@ -52,6 +55,9 @@ def read_images(
     sigma_time_s = table.numbers.get("sigma_time_s")
     if sigma_time_s is not None:
         table.require(sigma_time_s >= 0.0, "sigma_time_s", "a sigma in seconds, 0 or more")
+    for row, name in enumerate(table.texts.get("camera", ())):
+        if name not in cameras:
+            raise table.error(row, "camera", name, f"one of the cameras {', '.join(cameras)}")
     names = {name: tuple(texts) for name, texts in table.texts.items()}
     return Images(
         names["image_id"],
@@ -64,6 +70,7 @@ def read_images(
         sigma_time_s,
         row_times,
         _temperatures(table),
+        names.get("camera"),
     )
 
 

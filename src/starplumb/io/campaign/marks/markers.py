@@ -37,11 +37,27 @@ class Grid:
     shift_px: float
 
 
+@dataclass(frozen=True)
+class Grids:
+    """The pixels of several cameras by name, all counted from one place, and which of them took each image (m,)."""
+
+    of_camera: dict[str, Grid]
+    of_image: Index
+
+    @classmethod
+    def of_one(cls, grid: Grid, images: int) -> Grids:
+        return cls({"": grid}, np.zeros(images, dtype=np.int64))
+
+    @property
+    def shift_px(self) -> float:
+        return next(iter(self.of_camera.values())).shift_px
+
+
 def read_observations(
     source: TableSource | PointFiles,
     images: Sequence[str],
     landmarks: Sequence[str],
-    grid: Grid,
+    grid: Grid | Grids,
     notices: list[str],
     declared: Declared = UNDECLARED,
     surveyed: object = "the table of landmarks",
@@ -71,7 +87,7 @@ def read_observations(
     image = _lookup(table, "image_id", images, "images")
     landmark = _lookup(table, "landmark_id", landmarks, "landmarks")
     _require_new_pairs(table, image, landmark, len(landmarks))
-    pixels, check = _pixels(table, grid), _roles(table)
+    pixels, check = _pixels(table, grid, image), _roles(table)
     if len(table):
         notices += _unseen(source, "image", images, image) + _unseen(source, "landmark", landmarks, landmark)
     return Sightings(image, landmark, check=check, **pixels), bare(table)
@@ -80,7 +96,7 @@ def read_observations(
 def read_detections(
     source: TableSource,
     images: Sequence[str],
-    grid: Grid,
+    grid: Grid | Grids,
     notices: list[str],
     declared: Declared = UNDECLARED,
 ) -> tuple[Detections, Table]:
@@ -95,7 +111,7 @@ def read_detections(
     notices += table.notices
     image = _lookup(table, "image_id", images, "images")
     notices += _unseen(source, "image", images, image)
-    return Detections(image, **_pixels(table, grid)), bare(table)
+    return Detections(image, **_pixels(table, grid, image)), bare(table)
 
 
 def bare(table: Table) -> Table:
@@ -136,15 +152,21 @@ def _require_new_pairs(table: Table, image: Index, landmark: Index, n_landmarks:
     raise InputError(f"{table.where(row, 'landmark_id')}: {found}, wanted each pair once")
 
 
-def _pixels(table: Table, grid: Grid) -> dict[str, Any]:
+def _pixels(table: Table, grid: Grid | Grids, image: Index) -> dict[str, Any]:
     """Column, row and their noise; a pixel must lie in the image as its user counts, then (0, 0) is moved to our
     place."""
     noise = _noise(table)
-    for name, count in (("column_px", grid.columns), ("row_px", grid.rows)):
-        low, high = bounds_px(count, grid.shift_px)
-        x = table.numbers[name]
-        table.require((x >= low) & (x <= high), name, f"{low:.12g} to {high:.12g}, the image")
-    shift = grid.shift_px
+    grids = grid if isinstance(grid, Grids) else Grids.of_one(grid, int(np.max(image, initial=0)) + 1)
+    for k, (camera, own) in enumerate(grids.of_camera.items()):
+        others = grids.of_image[image] != k
+        for name, count in (("column_px", own.columns), ("row_px", own.rows)):
+            low, high = bounds_px(count, own.shift_px)
+            x = table.numbers[name]
+            whose = f" of the camera {camera}" if len(grids.of_camera) > 1 else ""
+            table.require(
+                others | ((x >= low) & (x <= high)), name, f"{low:.12g} to {high:.12g}, the image{whose}"
+            )
+    shift = grids.shift_px
     column, row = table.numbers["column_px"] - shift, table.numbers["row_px"] - shift
     return {"column_px": column, "row_px": row, **noise}
 
