@@ -9,6 +9,7 @@ import numpy as np
 
 from problems import C_EK_TRUE, FRAME, SIGMAS, truth
 from starplumb.physics import so3
+from starplumb.physics.series import Attitude
 from starplumb.physics.units import DEG
 from starplumb.plan import scene
 from starplumb.table.cameras.rig import Rig
@@ -27,7 +28,7 @@ def rig_truth(
     sigmas: scene.Sigmas = SIGMAS,
 ) -> Campaign:
     """Every camera takes an image at each moment, with markers of its own; ``apart_s`` later than the one before."""
-    first = truth(images=images, markers=markers, sigmas=sigmas)
+    first = _fixed_to_earth(truth(images=images, markers=markers, sigmas=sigmas))
     C_KC = np.stack([np.eye(3), *turns])
     parts, names = [], [chr(ord("A") + k) for k in range(len(C_KC))]
     draw = np.random.default_rng(images * 1000 + markers)
@@ -39,6 +40,14 @@ def rig_truth(
         height = draw.uniform(0.0, 1500.0, images * markers)
         parts.append(scene.mark_pixels(one, np.repeat(np.arange(images), markers), pixel, height, sigmas))
     return together(parts, names, C_KC)
+
+
+def _fixed_to_earth(campaign: Campaign) -> Campaign:
+    """With the attitude against the Earth, whose turning a file cannot have as the scene's stand-in has it."""
+    series = campaign.one_attitude
+    C_EJ, _ = series.at(series.t_ns)
+    fixed = Attitude(series.t_ns, so3.to_quaternion(C_EJ), "ITRF", None, series.gap_s)
+    return replace(campaign, attitude=fixed, orientation=None)
 
 
 def together(parts: Sequence[Campaign], names: Sequence[str], C_KC: np.ndarray) -> Campaign:

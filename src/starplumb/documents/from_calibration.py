@@ -13,7 +13,7 @@ from ..estimators.protocol import ParameterVector, Status
 from ..judge.calibrate import Calibration
 from ..judge.conventions.rests_on import RestsOn
 from ..judge.error_shares import shares
-from ..judge.parameters.separability import known
+from ..judge.parameters.separability import known, of_camera
 from ..judge.residuals import Accuracy, rms
 from ..physics import so3
 from ..physics.timescales import format_iso
@@ -22,6 +22,7 @@ from ..table.campaign import Campaign
 from ..table.parameter_names import UNITS, unit_of
 from ..table.phases import Phases, phases
 from ..table.sharing import passes, sessions
+from .cameras.mountings import mounting_part, mountings_part
 from .motion import motion_document, orbit_document
 from .numbers import numbers
 
@@ -56,7 +57,8 @@ def result_document(
         "message": c.message,
         "campaign": c.campaign.name,
         "method": method,
-        "mounting": _mounting(frames, c.C_EK),
+        "mounting": mounting_part(*frames, c.C_EK),
+        **mountings_part(c, frames[1]),
         "correction_arcsec": None if refuted else numbers(c.correction_E / ARCSEC),
         "sigma_arcsec": None if sigma is None else numbers(sigma / ARCSEC),
         "covariance_arcsec2": None if covariance is None else numbers(covariance / ARCSEC**2),
@@ -177,7 +179,7 @@ def unmatched_document(
         "status": "not_converged",
         "message": labels.refusal,
         "method": method,
-        "mounting": _mounting(frames, campaign.C_EK),
+        "mounting": mounting_part(*frames, campaign.C_EK),
         "correction_arcsec": None,
         "sigma_arcsec": None,
         "covariance_arcsec2": None,
@@ -194,11 +196,6 @@ def unmatched_document(
         "inputs": dict(inputs),
         "software": software(),
     }
-
-
-def _mounting(frames: tuple[str, str], C_EK: Array) -> dict[str, Any]:
-    quaternion = numbers(so3.to_quaternion(C_EK))
-    return {"from": frames[0], "to": frames[1], "matrix": numbers(C_EK), "quaternion_xyzw": quaternion}
 
 
 def software() -> dict[str, str]:
@@ -265,7 +262,10 @@ def _parameters(c: Calibration, p: ParameterVector) -> dict[str, Any]:
             "prior_sigma": numbers(p.prior_sigma[i] / scale[3 + i]),
         }
         for i, name in enumerate(p.names)
+        if not of_camera(name)
     ]
+    if not listed:
+        return {}
     axes = [f"alignment_{axis}_arcsec" for axis in "xyz"]
     names = [f"{name}_{unit}".rstrip("_") for name, unit in zip(p.names, units, strict=True)]
     covariance = {"names": axes + names, "matrix": numbers(p.covariance / scale[:, None] / scale)}

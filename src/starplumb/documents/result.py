@@ -31,6 +31,27 @@ class Mounting(Part):
     quaternion_xyzw: Annotated[list[Finite], Field(min_length=4, max_length=4)]
 
 
+class AgainstFirst(Part):
+    """A camera's mounting against the first camera's: ``matrix`` takes coordinates from its frame to the first one's;
+    sigma and covariance are of the difference of the errors of the two, about the star tracker's axes."""
+
+    to: str
+    matrix: Matrix3
+    sigma_arcsec: Numbers3 | None
+    covariance_arcsec2: MatrixOrNulls3 | None
+
+
+class CameraMounting(Mounting):
+    """One of several cameras: its mounting, correction, sigma and covariance as those of the only one."""
+
+    camera: str
+    correction_arcsec: Numbers3 | None
+    sigma_arcsec: Numbers3 | None
+    covariance_arcsec2: MatrixOrNulls3 | None
+    interval_95_arcsec: Numbers3 | None
+    against_first: AgainstFirst | None
+
+
 class Fit(Part):
     """Counts and quality of the fit."""
 
@@ -195,6 +216,8 @@ class ResultDocument(Document):
     satellite: str | None = None
     method: str
     mounting: Mounting
+    mountings: list[CameraMounting] | None = None
+    mountings_covariance_arcsec2: list[list[float]] | None = None
     correction_arcsec: Numbers3 | None
     sigma_arcsec: Numbers3 | None
     covariance_arcsec2: MatrixOrNulls3 | None

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from ..estimators import BEARS, METHODS, methods
-from ..estimators.cameras import Jointly
+from ..estimators.cameras.jointly import Jointly
 from ..estimators.protocol import Estimator
 from ..io.text.files import nearest
 from ..judge.motion.asked import columns_asked

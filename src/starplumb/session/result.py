@@ -18,10 +18,11 @@ from ..io.campaign.read import LoadedCampaign
 from ..io.results.residual_table import residual_columns, residual_names
 from ..judge.calibrate import Calibration
 from ..judge.consistency import IMPLAUSIBLE_P
-from ..judge.parameters.separability import known
+from ..judge.parameters.separability import known, of_camera
 from ..physics import so3
 from ..physics.errors import AlignmentFailed
 from ..physics.units import ARCSEC
+from ..report.cameras import tables_of_cameras
 from ..report.page import Table
 from ..table.parameter_names import UNITS, unit_of
 from .arguments import Folder, checked
@@ -146,7 +147,7 @@ class Result(Shown):
 
     @property
     def tables(self) -> Sequence[Table]:
-        return (_table(self.calibration, self.campaign.C_EK_true),)
+        return (_table(self.calibration, self.campaign.C_EK_true), *tables_of_cameras(self.calibration))
 
     @property
     def sentences(self) -> Sequence[str]:
@@ -373,6 +374,8 @@ def parameter_sentences(c: Calibration) -> list[str]:
     sigma = np.sqrt(np.diagonal(p.covariance))[3:]
     trusted = known(p, list(c.combinations))
     for name, value, spread, good in zip(p.names, p.values, sigma, trusted, strict=True):
+        if of_camera(name):
+            continue  # these stand in a table of their own
         unit = unit_of(name)
         number = f"{value / UNITS[unit]:+.4g} +- {spread / UNITS[unit]:.2g} {unit}".rstrip()
         lines.append(f"{name}: {number if good else 'not known from these data'}")

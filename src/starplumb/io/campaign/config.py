@@ -253,8 +253,8 @@ class CampaignConfig(Section):
         yield from frame_rules(given)
         yield from attitude_rules(given)
         cameras = given.get("cameras")
-        first = {"camera": cameras[0]} if isinstance(cameras, list) and cameras else dict(given)
-        model = _section(first, "camera").get("model")
+        named = isinstance(cameras, list) and bool(cameras)
+        model = _section({"camera": cameras[0]} if named and cameras else given, "camera").get("model")
         if model == "line-scan" and "images" in given and "file" not in _section(given, "images"):
             yield "images.file", "missing, wanted a table with line_period_s for a line scanner"
 

@@ -9,11 +9,12 @@ import numpy as np
 
 from ...disk.publish import publish, publish_beside
 from ...physics import so3
-from ...physics.camera import FrameCamera, LineScanCamera
+from ...physics.camera import Camera, FrameCamera, LineScanCamera
 from ...physics.earth import C_JT, itrf_to_geodetic
 from ...physics.light import inertial_velocity
 from ...physics.orientation import C_IF
 from ...physics.units import ARCSEC, DEG, MM, UM
+from ...table.cameras.views import of_camera
 from ...table.campaign import Campaign, Detections, Landmarks
 from ...table.considered import REFRACTION
 from ...table.parameter_names import UNITS, unit_of
@@ -77,11 +78,11 @@ def campaign_files(
         "images.csv": _images(campaign, time_scale),
         **_row_times(campaign, time_scale),
     }
-    if isinstance(campaign.camera, LineScanCamera):
-        camera = campaign.camera
-        files["detectors.csv"] = csv_text(
-            ("column_px", "tan_x", "tan_y"), (camera.column_px, camera.tan_x, camera.tan_y)
-        )
+    for camera, name in _cameras(campaign):
+        if isinstance(camera, LineScanCamera):
+            files[name] = csv_text(
+                ("column_px", "tan_x", "tan_y"), (camera.column_px, camera.tan_x, camera.tan_y)
+            )
     if detections is None:
         files["observations.csv"] = _observations(campaign)
     else:
@@ -148,6 +149,7 @@ def _images(campaign: Campaign, scale: str) -> str:
     elif images.line_period_s is not None:
         columns["line_period_s"] = images.line_period_s.tolist()
     for name, texts in (
+        ("camera", images.camera),
         ("tracker", images.tracker),
         ("pass", images.passes),
         ("session", images.sessions),
@@ -202,8 +204,7 @@ def campaign_sections(
     }
     return [
         ("campaign", {"name": campaign.name, "time_scale": scale}),
-        ("camera", _camera(campaign)),
-        ("mounting", _mounting(campaign, tracker)),
+        *_optics(campaign, tracker),
         ("ephemeris", ephemeris | gap(campaign.ephemeris.gap_s)),
         *attitude_sections(campaign, tracker),
         ("landmarks", {"file": "landmarks.csv"} | _common(campaign.landmarks)),
@@ -214,12 +215,31 @@ def campaign_sections(
     ]
 
 
-def _camera(campaign: Campaign) -> dict[str, object]:
-    camera = campaign.camera
+def _cameras(campaign: Campaign) -> list[tuple[Camera, str]]:
+    """Every camera, and the name of its table of look directions."""
+    if campaign.rig is None:
+        return [(campaign.camera, "detectors.csv")]
+    names = (f"detectors_{name}.csv" for name in campaign.rig.names)
+    return list(zip(campaign.rig.cameras, names, strict=True))
+
+
+def _optics(campaign: Campaign, tracker: str) -> Sections:
+    """[camera] and [mounting], or [[cameras]]."""
+    rig, tables = campaign.rig, _cameras(campaign)
+    if rig is None:
+        return [("camera", _camera(*tables[0])), ("mounting", _mounting(campaign, tracker))]
+    mountings = (_mounting(of_camera(campaign, k), tracker) for k in range(len(rig.names)))
+    return [
+        ("[cameras]", {"name": name, **_camera(*table), "mounting": mounting | {"from": name}})
+        for name, table, mounting in zip(rig.names, tables, mountings, strict=True)
+    ]
+
+
+def _camera(camera: Camera, table: str) -> dict[str, object]:
     if isinstance(camera, LineScanCamera):
         rows = int(camera.size_px[1]) if np.isfinite(camera.size_px[1]) else 1
         size = [int(camera.size_px[0]), rows]
-        return {"model": "line-scan", "image_size_px": size, "look_angles": "detectors.csv"}
+        return {"model": "line-scan", "image_size_px": size, "look_angles": table}
     if not isinstance(camera, FrameCamera):
         raise ValueError(f"a {type(camera).__name__} cannot be written")
     optics: dict[str, object] = {

@@ -90,9 +90,9 @@ def unknowns(campaign: Campaign) -> list[Mistake]:
     """The quantities worth estimating for a campaign, the simplest first."""
     return [
         _one(HeightOffset(), "landmarks.height_offset", _HEIGHT, 1.0, "m"),
-        *_optics(campaign),
+        *(() if campaign.several else _optics(campaign)),
         *_clocks(campaign),
-        *_window(campaign),
+        *(() if campaign.several else _window(campaign)),
         *_trackers(campaign),
     ]
 

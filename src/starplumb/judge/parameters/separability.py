@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ...estimators.protocol import AlignmentEstimate, ParameterVector
+from ...estimators.protocol import AlignmentEstimate, ParameterVector, Status
 from ...table.observations import Observations
 from ..trust import Finding
 
@@ -81,25 +81,31 @@ def flight_axes(o: Observations, C_EK: Array) -> Array:
 
 
 def combinations(o: Observations, estimate: AlignmentEstimate) -> list[Combination]:
-    """Combinations worth saying, the worst first (no batch axes); none without further parameters."""
+    """Combinations worth saying, the worst first (no batch axes); none without further parameters.
+
+    Mountings of further cameras are none: cameras that see the same attitude have its error in common, as they should.
+    """
     p = estimate.parameters
     if p is None or not np.all(np.isfinite(p.covariance)):
         return []
+    own = np.array([0, 1, 2, *(i for i, name in enumerate(p.names, start=3) if not of_camera(name))])
+    if own.size == 3:
+        return []
     covariance = p.covariance if p.straight is None else p.straight
-    turn = np.eye(len(covariance))
+    turn = np.eye(own.size)
     turn[:3, :3] = flight_axes(o, estimate.C_EK)
-    N = turn.mT @ np.linalg.inv(covariance) @ turn
+    N = turn.mT @ np.linalg.inv(covariance[np.ix_(own, own)]) @ turn
     alone = 1.0 / np.sqrt(np.diagonal(N))
     values, vectors = np.linalg.eigh(N * alone[:, None] * alone[None, :])
-    words = [*TURNS, *(in_words(name) for name in p.names)]
+    words = [*TURNS, *(in_words(p.names[i - 3]) for i in own[3:])]
     found: list[Combination] = []
     for value, vector in zip(values, np.abs(vectors.mT), strict=True):
         growth = float(1.0 / np.sqrt(max(float(value), 1e-30)))
         if growth >= WORTH_SAYING:
             members = np.flatnonzero(vector >= MEMBER * np.max(vector))
-            if any(np.array_equal(members, other.members) for other in found):
+            if any(np.array_equal(own[members], other.members) for other in found):
                 continue  # two directions of the same quantities: the worse one says it
-            found.append(Combination(tuple(members.tolist()), tuple(words[i] for i in members), growth))
+            found.append(Combination(tuple(own[members].tolist()), tuple(words[i] for i in members), growth))
     return found
 
 
@@ -107,9 +113,31 @@ def in_words(name: str) -> str:
     """A parameter's name in words."""
     if name.startswith("tracker_"):
         return f"the mounting of tracker {name[8:-2]} about {name[-1]}"
+    if of_camera(name):
+        return f"the mounting of camera {name[7:-2]} about its {name[-1]}"
     if name.startswith("look_"):
         return f"the look angles' {name[5]} term of degree {name[7:]}"
     return WORDS.get(name, f"the distortion {name}")
+
+
+def of_camera(name: str) -> bool:
+    """Whether a parameter is of the mounting of a further camera."""
+    return name.startswith("camera_")
+
+
+def undetermined_cameras(p: ParameterVector) -> list[Finding]:
+    """Cameras whose own markers do not determine their mounting."""
+    good = known(p, [])
+    lost = dict.fromkeys(
+        name[7:-2] for name, told in zip(p.names, good, strict=True) if of_camera(name) and not told
+    )
+    return [
+        Finding(
+            f"the mounting of camera {name} is not determined: wanted at least two markers well apart in its images",
+            True,
+        )
+        for name in lost
+    ]
 
 
 def without_gain(p: ParameterVector) -> list[str]:
@@ -152,7 +180,10 @@ def inseparable(c: Combination, estimate: AlignmentEstimate) -> Finding:
 
 def of_combinations(found: Sequence[Combination], estimate: AlignmentEstimate) -> list[Finding]:
     """What combinations that the data hardly separate mean, and what a lens that is mostly noise did to the sigmas."""
-    return [*(inseparable(combination, estimate) for combination in found), *_of_lens(estimate)]
+    told = [*(inseparable(combination, estimate) for combination in found), *_of_lens(estimate)]
+    p = estimate.parameters
+    usable = p is not None and Status(int(estimate.status)).usable
+    return [*told, *undetermined_cameras(p)] if usable and p is not None else told
 
 
 def _of_lens(estimate: AlignmentEstimate) -> list[Finding]:

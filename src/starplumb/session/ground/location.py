@@ -164,6 +164,7 @@ def view_of(
     if height_m is not None and dem is not None:
         raise ArgumentError("height_m", "found beside a DEM, wanted only one of the two")
     below = None if dem is None else dem_surface(Path(dem), heights, None if geoid is None else Path(geoid))
+    campaign.require_one_camera("locate")
     number = image_of(campaign, image)
     return View(campaign, number, mounting_of(campaign, result, number), below, height_m or 0.0)
 

@@ -142,6 +142,7 @@ def project(
     ground = Ground(
         None if dem is None else Path(dem), heights, None if geoid is None else Path(geoid), words
     )
+    campaign.require_one_camera("project")
     source = _source(latitude_deg, longitude_deg, itrf_m, points)
     if source is None:
         marks = campaign.loaded.campaign.landmarks

@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..physics import so3
-from ..physics.units import ARCSEC
-from ..table.cameras.mounting import RANGE, CameraMounting
-from ..table.observations import Observations
-from .fit import State
-from .gls import Gls
-from .protocol import AlignmentEstimate, Estimator, Status, Verdict
+from ...physics import so3
+from ...physics.units import ARCSEC
+from ...table.cameras.mounting import RANGE, CameraMounting
+from ...table.observations import Observations
+from ..fit import State
+from ..gls import Gls
+from ..protocol import AlignmentEstimate, Estimator, Status, Verdict
 
 Array = NDArray[np.float64]
 
