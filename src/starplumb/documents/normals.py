@@ -77,7 +77,12 @@ def normals_document(calibration: Calibration) -> dict[str, Any] | None:
     """``normals.json`` of a usable answer as a dictionary; None where the method's equations are not known, or there
     are too many of them."""
     c, unknowns = calibration, calibration.estimate.unknowns
-    if not c.status.usable or unknowns is None or c.campaign.several or len(c.campaign.images.ids) > MOST_IMAGES:
+    if (
+        not c.status.usable
+        or unknowns is None
+        or c.campaign.several
+        or len(c.campaign.images.ids) > MOST_IMAGES
+    ):
         return None
     o, used = c.observations, c.residuals.used
     named = _named_landmarks(c, len(unknowns.names) + len(o.common_of or ()))
