@@ -101,6 +101,7 @@ class Campaign(Shown):
         """The names of the camera's and the star tracker's frame; of several cameras those of the first."""
         return self.loaded.config.first[0], self.loaded.config.tracker
 
+    @checked
     def require_one_camera(self, what: str) -> None:
         """Raise InputError where the campaign has several cameras and ``what`` works with one."""
         if self.loaded.campaign.several:
