@@ -4,33 +4,33 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+from importlib import import_module
 
-from .default import Default
-from .gls import Gls
 from .protocol import Estimator
-from .published.cross_product import CrossProduct
-from .published.ground_plane import GroundPlane
-from .published.image_plane import ImagePlane
-from .published.least_squares import LeastSquares
-from .published.observer import Observer
-from .published.projective import Projective
-from .robust import Robust
-from .sequential import Sequential
-from .start import FromClosedForm, FromModel
-from .wahba import Wahba
+
+
+def _of(module: str, kind: str) -> Callable[[], Estimator]:
+    """Makes an estimator of a module, which is loaded when it is first asked for: most work needs one or two."""
+
+    def made() -> Estimator:
+        found: Estimator = getattr(import_module(f".{module}", __name__), kind)()
+        return found
+
+    return made
+
 
 METHODS: dict[str, Callable[[], Estimator]] = {
-    "gls": Gls,
-    "default": Default,
-    "robust": Robust,
-    "sequential": Sequential,
-    "observer": Observer,
-    "least-squares": LeastSquares,
-    "cross-product": CrossProduct,
-    "image-plane": ImagePlane,
-    "ground-plane": GroundPlane,
-    "projective": Projective,
-    "wahba": Wahba,
+    "gls": _of("gls", "Gls"),
+    "default": _of("default", "Default"),
+    "robust": _of("robust", "Robust"),
+    "sequential": _of("sequential", "Sequential"),
+    "observer": _of("published.observer", "Observer"),
+    "least-squares": _of("published.least_squares", "LeastSquares"),
+    "cross-product": _of("published.cross_product", "CrossProduct"),
+    "image-plane": _of("published.image_plane", "ImagePlane"),
+    "ground-plane": _of("published.ground_plane", "GroundPlane"),
+    "projective": _of("published.projective", "Projective"),
+    "wahba": _of("wahba", "Wahba"),
 }
 """Called without arguments, each has its published or recommended options, and starts where it was published to."""
 BEARS = {
@@ -50,6 +50,10 @@ def methods(start: str = "closed-form") -> dict[str, Callable[[], Estimator]]:
 def _started(name: str, method: Callable[[], Estimator], start: str) -> Estimator:
     if name not in BEARS:
         return method()
+    from .start import FromClosedForm, FromModel
+
     if start == "model":
+        from .sequential import Sequential
+
         return FromModel(Sequential(start="model") if name == "sequential" else method(), BEARS[name])
     return method() if name == "sequential" else FromClosedForm(method())

@@ -134,7 +134,7 @@ def _convincing(d: Directions, agree: Mask, seen: Index, tried: int) -> bool:
     A wrong sighting lies within the gate with the probability p that the gate's area is of the field's (for a square
     field 6 times the mean square radius); beyond the two that made it a rotation then finds Poisson(n p) more.
     """
-    from scipy.special import pdtrc
+    from ..solve.probability import pdtrc
 
     count = int(np.sum(agree[seen]))
     if count == seen.size:

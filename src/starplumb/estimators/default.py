@@ -85,7 +85,7 @@ class Default:
 
     def _beyond(self, plain: AlignmentEstimate, factor: float) -> bool:
         """Whether chi-square is improbable, and more so than noise that is larger than stated by a factor."""
-        from scipy.special import chdtrc
+        from ..solve.probability import chdtrc
 
         variance, dof = _variance(plain) / factor, int(np.asarray(plain.degrees_of_freedom))
         return dof > 0 and variance > EXACT**2 and float(chdtrc(dof, variance * dof)) < self.alpha / TESTS

@@ -230,7 +230,7 @@ def _scores(c: Candidates, C: Array, which: Mask) -> Array:
 
 def _doubt(c: Candidates, C: Array, score: Array, best: int) -> str:
     """Why the best rotation is not to be believed; empty if it is."""
-    from scipy.special import pdtrc
+    from ..solve.probability import pdtrc
 
     count, chance = c.number_explained(C[best]), c.by_chance
     if count < 4 or len(C) * pdtrc(count - 3, chance) > BY_CHANCE:

@@ -35,7 +35,7 @@ INFORMATIVE = 4.0
 
 def chi2_p(chi2: float, degrees_of_freedom: int) -> float:
     """Probability of a chi-square at least this large when the stated sigmas are right."""
-    from scipy.special import chdtrc
+    from ..solve.probability import chdtrc
 
     return float(chdtrc(degrees_of_freedom, chi2)) if degrees_of_freedom > 0 else 1.0
 

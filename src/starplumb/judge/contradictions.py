@@ -132,7 +132,7 @@ def worse_on_the_ground(before: Accuracy | None, after: Accuracy | None) -> Find
 
 def culprit(campaign: Campaign, o: Observations, tested: Tested, used: Mask) -> str:
     """The sighting, image or landmark with the largest statistic over its critical value, in words."""
-    from scipy.special import chdtri
+    from ..solve.probability import chdtri
 
     def over(statistic: tuple[Array, NDArray[np.int64]]) -> Array:
         T, dof = statistic

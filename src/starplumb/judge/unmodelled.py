@@ -55,7 +55,7 @@ def unmodelled(campaign: Campaign, fit: Fit, scale: float = 1.0) -> Finding | No
 
     ``scale`` is the variance factor of the fit: what residuals larger than stated explain needs no further mistake.
     """
-    from scipy.special import chdtri
+    from ..solve.probability import chdtri
 
     tried = list(better(campaign, fit))
     if not tried:

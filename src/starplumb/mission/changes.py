@@ -106,7 +106,7 @@ def _regressed(found: Trend, F: Array) -> tuple[Array, Array]:
 
 
 def _change(found: Trend, kind: str, c: Array, P: Array) -> Change:
-    from scipy.special import chdtrc
+    from ..solve.probability import chdtrc
 
     p = float(chdtrc(c.size, c @ np.linalg.solve(P, c)))
     if c.size == 6:  # a sine: its amplitude about each axis, the covariance along its phase

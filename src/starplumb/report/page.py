@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Literal
 
 from .. import __version__
 from ..io.text.visible import visible
-from .cards import Card
-from .svg import svg_text
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
+
+    from .cards import Card
 
 Tone = Literal["good", "fair", "bad"]
 _FOOT = "<footer><p>Made by starplumb "
@@ -38,6 +38,8 @@ class Figure:
     @property
     def svg(self) -> str:
         """The drawing as an ``<svg>`` element."""
+        from .svg import svg_text
+
         return svg_text(self.drawing, self.name)
 
 

@@ -18,7 +18,6 @@ from ..physics.units import DEG
 from ..table.campaign import Campaign as Physics
 from .arguments import Folder, Wanted, checked
 from .campaign import Campaign
-from .prior import with_prior
 from .result import RESULT, RESULT_FILES, Result
 
 if TYPE_CHECKING:
@@ -96,7 +95,11 @@ def calibrate(
     campaign.loaded.coverage.require()
     if drift != "none":
         campaign.require_one_camera("a motion of the mounting (drift)")
-    campaign, known = (campaign, None) if prior is None else with_prior(campaign, prior)
+    known = None
+    if prior is not None:
+        from .prior import with_prior
+
+        campaign, known = with_prior(campaign, prior)
     estimator = estimator_of(method, wanted, campaign.loaded.campaign, start)
     found = identify(campaign, reach_deg)
     if found.labels is not None and found.labels.refusal:
@@ -199,11 +202,11 @@ def _hint(name: str) -> str:
 
 def identify(campaign: Campaign, reach_deg: float) -> Identified:
     """The campaign with a landmark for each detection that can have one; as it is where the landmarks are known."""
-    from ..identify.labelling import label
-
     loaded = campaign.loaded
     if loaded.detections is None:
         return Identified(campaign, None)
+    from ..identify.labelling import label
+
     labels = label(loaded.campaign, loaded.detections, reach_deg * DEG)
     seen = replace(loaded.campaign, sightings=labels.sightings(loaded.detections))
     return Identified(replace(campaign, loaded=replace(loaded, campaign=seen)), labels)

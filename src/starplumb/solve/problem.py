@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,8 +22,10 @@ from .adjustment import Adjustment, Prior, SharedErrors, eliminated
 from .chunks import Rows, blocks, in_chunks, part
 from .normal import Eliminated, Pairs
 from .reliability import Reliability, Solution, Tested, reliability
-from .streaming import Stream
 from .whitening import Roots
+
+if TYPE_CHECKING:
+    from .streaming import Stream
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -131,6 +134,8 @@ class Problem:
 
     @cached_property
     def _stream(self) -> Stream:
+        from .streaming import Stream
+
         return Stream.of(self.table, self.parameters, self.compiled, self.errors)
 
     @cached_property

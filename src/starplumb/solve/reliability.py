@@ -209,7 +209,7 @@ def excess(tested: Tested, seen: Mask, alpha: float, alpha_group: float) -> tupl
 
     The critical values grow with :func:`variance_factor`, as Pope's tau has it.
     """
-    from scipy.special import chdtri
+    from .probability import chdtri
 
     factor = variance_factor(tested.sightings[0][seen])
 

@@ -132,7 +132,7 @@ def quantile(values: Array, q: float) -> tuple[float, float, float]:
 
 def chi2_band(degrees_of_freedom: float, level: float = 0.95) -> tuple[float, float]:
     """Limits within which chi-square over its degrees of freedom falls with probability ``level``."""
-    from scipy.special import chdtri
+    from ..solve.probability import chdtri
 
     tail = 0.5 * (1.0 - level)
     low, high = chdtri(degrees_of_freedom, 1.0 - tail), chdtri(degrees_of_freedom, tail)

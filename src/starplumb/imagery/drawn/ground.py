@@ -143,6 +143,6 @@ def _on_plots(seed: int, count: int, i: Index, j: Index) -> list[Array]:
 
 def _level_above(part: float) -> float:
     """Level that normal noise exceeds over a ``part`` of the plane."""
-    from scipy.special import ndtri
+    from ...solve.probability import ndtri
 
     return float(-ndtri(part))

@@ -17,7 +17,6 @@ from ...physics import timescales
 from ...physics.errors import InputError
 from ...physics.units import ARCSEC
 from ..text.files import read_beginning, trouble, unpacked_file
-from .kernels.daf import require_whole
 from .series_tables import EphemerisTable, EpochArray, FloatArray
 from .spice_names import DEFAULT_IDS, FrameIds, frame_name
 
@@ -130,6 +129,8 @@ def spiceypy_module() -> ModuleType:
 def loaded(spice: ModuleType, path: str | Path, kernel: Path) -> Iterator[None]:
     """Load the kernel of the user's file ``path``, and unload it afterwards; errors of SPICE become InputError."""
     if read_beginning(kernel).startswith(b"DAF/"):
+        from .kernels.daf import require_whole
+
         require_whole(Path(path), kernel)
     try:
         spice.furnsh(str(kernel))

@@ -19,11 +19,11 @@ from numpy.typing import NDArray
 from ...physics.errors import InputError
 from ...physics.units import DEG
 from ..text.files import show
-from .drivers import open_raster, reading
-from .reference_system import Grid
 
 if TYPE_CHECKING:
     from rasterio.io import DatasetReader
+
+    from .reference_system import Grid
 
 Array = NDArray[np.float64]
 
@@ -59,6 +59,8 @@ class Raster:
     @classmethod
     def open(cls, path: Path, limits: tuple[float, float] = _ANY) -> Raster:
         """Raises InputError where the file is no raster, has no reference system, or rasterio is not installed."""
+        from .drivers import open_raster
+
         dataset = open_raster(path)
         turn = dataset.transform
         if dataset.crs is None or turn.is_identity:
@@ -86,6 +88,8 @@ class Raster:
     @cached_property
     def _grid(self) -> Grid:
         """Where places stand in a projected raster."""
+        from .reference_system import Grid
+
         middle = self.dataset.transform @ (0.5 * self.dataset.width, 0.5 * self.dataset.height)
         return Grid(self.path, self.dataset.crs.to_wkt(), middle)
 
@@ -172,6 +176,8 @@ class Raster:
                 and top + height <= y + cells.shape[0]
             ):
                 return cells[top - y : top - y + height, left - x : left - x + width]
+        from .drivers import reading
+
         with reading(self.path):
             band = self.dataset.read(1, window=Window(left, top, width, height), masked=True)
         cells = np.asarray(np.ma.filled(band.astype(np.float64), np.nan), dtype=np.float64)

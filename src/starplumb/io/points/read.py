@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ...physics.errors import InputError
 from ..text.files import show
-from .asp import read_asp
-from .ground_points import GroundPoints
-from .named import read_csv_points, read_geojson_points
-from .odm import read_odm
-from .qgis import read_qgis
-from .tags import read_tags
+
+if TYPE_CHECKING:
+    from .ground_points import GroundPoints
 
 POINT_SUFFIXES = (".points", ".gcp", ".txt")
 """Endings of files that can be nothing else, and so may stand in place of a campaign's tables."""
@@ -32,15 +30,27 @@ def read_ground_points(path: Path, crs: str | None = None) -> GroundPoints:
     """
     match path.suffix.lower():
         case ".points":
+            from .qgis import read_qgis
+
             return read_qgis(path, crs)
         case ".gcp":
+            from .asp import read_asp
+
             return read_asp(path)
         case ".txt":
+            from .odm import read_odm
+
             return read_odm(path, crs)
         case ".geojson" | ".json" | ".geojsonl" | ".geojsons":
+            from .named import read_geojson_points
+
             return read_geojson_points(path, crs)
         case ".csv":
+            from .named import read_csv_points
+
             return read_csv_points(path, crs)
         case ".tif" | ".tiff":
+            from .tags import read_tags
+
             return read_tags(path, crs)
     raise InputError(f"{path}: found the ending {show(path.suffix)}, wanted {_WANTED}")

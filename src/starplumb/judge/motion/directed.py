@@ -76,7 +76,7 @@ def _weights(families: Mapping[str, tuple[tuple[str, ...], ...]]) -> dict[str, f
 def _tested(
     sums: ImageSums, when: When, scales: Scales, name: str, sets: tuple[tuple[str, ...], ...], weight: float
 ) -> DirectedTest:
-    from scipy.special import chdtrc, fdtrc
+    from ...solve.probability import chdtrc, fdtrc
 
     F = np.stack([scales.columns((MEAN, *columns), when) for columns in sets])
     q = F.shape[-1] - 1
@@ -115,7 +115,7 @@ def _schur(M: Array) -> Array:
 
 def detectable(information: Array, q: int, n: int, level: float, *, sine: bool) -> float:
     """Amplitude that a test of 3 q numbers (``information`` (3 q, 3 q)) at a level finds with :data:`POWER`."""
-    from scipy.special import chdtri, fdtri, ncfdtr
+    from ...solve.probability import chdtri, fdtri, ncfdtr
 
     patterns = _patterns(q, sine)
     unit = np.einsum("pi,ij,pj->p", patterns, information, patterns)
@@ -133,7 +133,7 @@ def detectable(information: Array, q: int, n: int, level: float, *, sine: bool) 
 
 
 def _chi2_power(k: int, shift: Array, limit: float) -> Array:
-    from scipy.special import chndtr
+    from ...solve.probability import chndtr
 
     return np.asarray(1.0 - chndtr(limit, k, shift))
 

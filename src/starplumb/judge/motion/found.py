@@ -91,7 +91,7 @@ def when_of(campaign: Campaign, where: Phases, image: NDArray[np.int64]) -> When
 
 def variance_of(tests: tuple[DirectedTest, ...]) -> float:
     """Variance between images over what is stated, as the motion that explains most leaves it; 1 where it may be."""
-    from scipy.special import chdtrc
+    from ...solve.probability import chdtrc
 
     least = min(tests, key=lambda test: test.between)
     return least.between if chdtrc(least.freedom, least.between * least.freedom) < LARGER_P else 1.0

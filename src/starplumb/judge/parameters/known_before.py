@@ -47,7 +47,7 @@ class Known:
 
     def probability(self, x: Array, C: Array) -> float:
         """Of a difference at least as large as that of the estimate."""
-        from scipy.special import chdtrc
+        from ...solve.probability import chdtrc
 
         spread, axes = np.linalg.eigh(self.covariance - C[self.at, self.at])
         told = spread > NOTHING * np.trace(self.covariance)

@@ -136,7 +136,7 @@ class FromData:
     @property
     def half_95_E(self) -> Array | None:
         """Half-widths (3,) rad of the 95 % intervals by Student's t."""
-        from scipy.special import stdtrit
+        from ...solve.probability import stdtrit
 
         if self.sigma_E is None or self.degrees is None:
             return None
@@ -181,7 +181,7 @@ def from_data(
 
 def _found(images: ImageRotations, c: Component, factors: Factors, k: int, p: float) -> SourceFound:
     """One source in words and in its unit."""
-    from scipy.special import chdtri
+    from ...solve.probability import chdtri
 
     variance = np.mean(np.trace(c.own + c.common @ c.common.mT, axis1=-2, axis2=-1))
     axes = {ABOUT: 1, ACROSS: 2}.get(c.name, 3)

@@ -69,7 +69,7 @@ def _drawn(values: Array, squares: Array) -> Array:
 def half_95(variance: Array, degrees: Array, shared: Sequence[tuple[Array, Array]]) -> Array:
     """Half-widths (3,) of a ``variance`` (3,) with ``degrees`` (3,) of freedom to which each of ``shared`` adds: its
     factors (DRAWS,), and what it does at the factor 1 (3,)."""
-    from scipy.special import chdtri
+    from ...solve.probability import chdtri
 
     order, levels = np.random.default_rng(0), (np.arange(DRAWS) + 0.5) / DRAWS
     total = variance * degrees / chdtri(degrees, levels[:, None])
@@ -80,7 +80,7 @@ def half_95(variance: Array, degrees: Array, shared: Sequence[tuple[Array, Array
 
 def _holding(sigmas: Array) -> Array:
     """Half-widths (3,) that hold 95 % of the normals of all these sigmas (DRAWS, 3)."""
-    from scipy.special import ndtr
+    from ...solve.probability import ndtr
 
     low, high = np.zeros(sigmas.shape[1]), 10.0 * np.max(sigmas, axis=0)
     for _ in range(60):

@@ -40,7 +40,7 @@ class TimesFound:
 def times_found(residual: Projector, d_E: Array, per_second_E: Array) -> TimesFound | None:
     """What rotations d_E (m, 3) rad say of the times of images, which turn them by per_second_E (m, 3) rad/s; None
     where times turn nothing."""
-    from scipy.special import chdtrc, stdtrit
+    from ...solve.probability import chdtrc, stdtrit
 
     m = len(d_E)
     U = np.zeros((m, 3, m))

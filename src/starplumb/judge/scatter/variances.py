@@ -202,7 +202,7 @@ def _score(d: Array, components: Sequence[Component], f: Array) -> tuple[Array, 
 
 def probabilities(d: Array, components: Sequence[Component]) -> Array:
     """Probability (s,) that a source as stated scatters the rotations at least as much as they do."""
-    from scipy.special import chdtrc
+    from ...solve.probability import chdtrc
 
     q, mean, pairs = Projector(components, np.array([c.stated for c in components])).moments(d)
     degrees = np.array([c.degrees for c in components])

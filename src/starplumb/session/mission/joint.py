@@ -162,7 +162,7 @@ def _document(
     data: Array | None,
     degrees: int,
 ) -> dict[str, Any]:
-    from scipy.special import chdtrc, stdtrit
+    from ...solve.probability import chdtrc, stdtrit
 
     sigma = np.sqrt(np.diagonal(whole.covariance_E))
     p = float(chdtrc(whole.degrees, whole.chi2)) if whole.degrees > 0 else None

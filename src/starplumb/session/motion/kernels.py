@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from ...disk.publish import Content
 from ...io.text.write import csv_text
 from ...judge.motion.asked import NONE
-from ...judge.motion.averaging import Motion
 from ...judge.motion.regressors import ORBIT, STEP, TEMPERATURE, When
 from ...physics import so3
 from ...physics.timescales import format_iso, parse
@@ -23,6 +22,7 @@ from ...physics.units import ARCSEC
 if TYPE_CHECKING:
     from ...io.formats.spice_names import FrameIds
     from ...judge.calibrate import Calibration
+    from ...judge.motion.averaging import Motion
 
 Array = NDArray[np.float64]
 Epochs = NDArray[np.int64]
