@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -103,6 +105,32 @@ def test_one_name_for_two_places_is_refused(rng):
     moved = replace(campaign, landmarks=replace(campaign.landmarks, r_J=campaign.landmarks.r_J + 0.002))
     with pytest.raises(InputError, match=r"found landmark\[gcp001\] at another place"):
         joined([document(campaign), document(moved)])
+
+
+@pytest.mark.parametrize(
+    ("spoil", "says"),
+    [
+        (lambda d: d["unknowns"][0]["covariance"].pop(), "mounting.covariance: found 2 x 3, wanted 3 x 3"),
+        (lambda d: d["unknowns"][0]["covariance"][0].pop(), "mounting.covariance: found rows of several"),
+        (lambda d: d["unknowns"][0]["expected"].pop(), "mounting.expected: found 2, wanted 3"),
+        (lambda d: d["images"][0]["information"].pop(), "information: found "),
+        (lambda d: d["images"][0]["unknowns"].pop(), "vector: found "),
+        (lambda d: d["images"][0]["unknowns"].append("x"), "not among the unknowns"),
+        (lambda d: d["images"][0].update(time="2020-06-30T23:59:60"), "found '2020-06-30T23:59:60'"),
+        (lambda d: d["unknowns"].append(d["unknowns"][0]), "found a name twice"),
+    ],
+)
+def test_equations_that_do_not_fit_together_are_refused(spoil, says):
+    P = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
+    mounting = {"name": "mounting", "unit": "arcsec", "reference": [0.0] * 3, "expected": [0.0] * 3}
+    image = {"image_id": "I1", "time": "2020-01-01T00:00:00", "unknowns": ["mounting"], "count": 1}
+    image |= {"information": [1.0, 0.0, 0.0, 1.0, 0.0, 1.0], "vector": [0.0] * 3, "constant": 0.0}
+    good = {"schema": "starplumb-normals/1", "campaign": "c", "matrix": P}
+    good |= {"unknowns": [mounting | {"covariance": [row[:] for row in P]}], "images": [image]}
+    NormalsDocument.from_json(json.dumps(good), "normals.json")
+    spoil(good)
+    with pytest.raises(InputError, match=f"normals.json: .*{re.escape(says)}"):
+        NormalsDocument.from_json(json.dumps(good), "normals.json")
 
 
 def test_nothing_is_written_of_a_refuted_answer(rng):

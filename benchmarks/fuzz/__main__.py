@@ -68,7 +68,7 @@ def fuzz(only: str, seed: int, seconds: float, folder: Path):
             else:
                 counts.update({(name, kind): n for name, kind, n in told["counts"]})
                 begins |= told["number"]
-        if process.exitcode == 0:
+        if process.exitcode == 0 or hung.interrupted:
             break
         if hung.at is None:
             raise SystemExit(f"the process that reads ended with {process.exitcode} before it began")
@@ -80,10 +80,21 @@ def fuzz(only: str, seed: int, seconds: float, folder: Path):
 
 
 class watched:
-    """Wait for a process; end it where one case takes too long. ``at`` is the last case, ``why`` if it was ended."""
+    """Wait for a process; end it where one case takes too long. ``at`` is the last case, ``why`` if it was ended.
+
+    Ctrl-C ends it too: what was found until then counts.
+    """
 
     def __init__(self, process, state: Path) -> None:
-        self.at, self.why, self.cpu_s = None, "", 0.0
+        self.at, self.why, self.cpu_s, self.interrupted = None, "", 0.0, False
+        try:
+            self._watch(process, state)
+        except KeyboardInterrupt:
+            self.interrupted = True
+            process.kill()
+            process.join()
+
+    def _watch(self, process, state: Path) -> None:
         since = 0.0
         while process.is_alive():
             process.join(0.5)

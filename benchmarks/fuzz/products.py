@@ -45,7 +45,7 @@ def _vendors() -> Iterator[Target]:
         yield _product("CSM state", {"image.json": state}, "image.json", PLAIN)
         files = {
             "shot.tsai": tsai(Path(folder)).read_bytes(),
-            "shot.tif": _tiff(np.zeros((20, 30), np.uint8)),
+            "shot.tif": raster(np.zeros((20, 30), np.uint8)),
         }
         yield _product(".tsai", files, "shot.tsai", PLAIN)
 
@@ -61,7 +61,7 @@ def _short(scene: str) -> str:
     return (first + "".join(kept) + end).replace("2001", str(len(kept))).replace(">1001<", ">11<")
 
 
-def _tiff(values: Array, **profile: Any) -> bytes:
+def raster(values: Array, **profile: Any) -> bytes:
     import warnings
 
     import rasterio
@@ -117,7 +117,7 @@ def _points() -> Iterator[Target]:
         GroundControlPoint(row, col, 9.0 + col, 45.0 + row, 100.0, str(row))
         for row, col in ((1, 1), (2, 4), (7, 3))
     ]
-    tagged = _tiff(np.zeros((20, 30), np.uint8), gcps=gcps, crs="EPSG:4326")
+    tagged = raster(np.zeros((20, 30), np.uint8), gcps=gcps, crs="EPSG:4326")
     yield Target("points in .tif", {"image.tif": tagged}, ("image.tif",), of("image.tif"), BINARY, ())
 
 
@@ -126,9 +126,9 @@ def _rasters() -> Iterator[Target]:
 
     heights = np.add.outer(10.0 * np.arange(8), np.arange(9.0)).astype(np.float32)
     turn = rasterio.Affine(0.01, 0.0, 9.0, 0.0, -0.01, 45.0)
-    tiff = _tiff(heights, crs="EPSG:4326", transform=turn)
+    tiff = raster(heights, crs="EPSG:4326", transform=turn)
     tiles = {"tiled": True, "blockxsize": 16, "blockysize": 16, "compress": "deflate", "nodata": -9999.0}
-    tiled = _tiff(
+    tiled = raster(
         heights,
         crs="EPSG:32632",
         transform=rasterio.Affine(1000.0, 0, 497_500.0, 0, -1000.0, 4.983e6),
@@ -137,7 +137,7 @@ def _rasters() -> Iterator[Target]:
     grid = "ncols 9\nnrows 8\nxllcorner 9.0\nyllcorner 44.92\ncellsize 0.01\nNODATA_value -9999\n"
     grid += "\n".join(" ".join(f"{x:.1f}" for x in row) for row in heights) + "\n"
     wkt = rasterio.crs.CRS.from_epsg(4326).to_wkt(version="WKT1_ESRI").encode()
-    erdas = _tiff(heights, driver="HFA", crs="EPSG:4326", transform=turn)
+    erdas = raster(heights, driver="HFA", crs="EPSG:4326", transform=turn)
 
     def of(name: str) -> Callable[[Path], Any]:
         def read(folder: Path) -> Any:

@@ -9,8 +9,10 @@ from typing import Any
 
 import numpy as np
 import second
+from archives import archives
 from damage import BINARY, PLAIN, hashed, in_gzip, odd_number, other_number, respelled
 from products import products
+from raws import raws
 from series import series
 from target import Compare, Target
 
@@ -155,26 +157,6 @@ def _answers() -> Iterator[Target]:
     yield Target("calibrate", files, tuple(files), read, (odd_number, other_number), ())
 
 
-def _archive() -> Iterator[Target]:
-    from tempfile import TemporaryDirectory
-
-    import starplumb as sp
-
-    with TemporaryDirectory() as folder:
-        sp.calibrate(sp.demo(images=4)).save(Path(folder, "result"))
-        archive = sp.open_archive(Path(folder, "mission.db"), create=True, satellite="SAT1")
-        archive.add(Path(folder, "result", "result.json"))
-        data = Path(folder, "mission.db").read_bytes()
-
-    def read(folder: Path) -> Any:
-        import starplumb as sp
-
-        archive = sp.open_archive(folder / "mission.db")
-        return archive.listed, archive.show().document
-
-    yield Target("archive", {"mission.db": data}, ("mission.db",), read, BINARY, ())
-
-
 def _documents() -> Iterator[Target]:
     from tempfile import TemporaryDirectory
 
@@ -242,6 +224,7 @@ def targets() -> dict[str, Target]:
         _table("observations.csv", ("image_id", "landmark_id"), ("column_px", "row_px", "sigma_px")),
         _parquet(),
     ]
-    for several in (_campaigns, series, products, _documents, _scenarios, _orientation, _answers, _archive):
+    further = (_documents, _scenarios, _orientation, _answers, archives, raws)
+    for several in (_campaigns, series, products, *further):
         found += several()
     return {target.name: target for target in found}

@@ -115,6 +115,13 @@ def test_a_raster_that_does_not_say_where_it_lies_is_refused(tmp_path, rng):
     path.with_suffix(".pgw").write_text("1.0\nno\n")
     with pytest.raises(InputError, match="six lines"):
         Tile.of(open_pixels(path, 1), "EPSG:4326", None)
+    for steps in ("0\n0\n0\n0", "1e-30\n0\n0\n1e30", "1e-20\n0\n0\n-1e-20"):
+        path.with_suffix(".pgw").write_text(f"{steps}\n9.0\n45.0\n")
+        with pytest.raises(InputError, match="found a georeference that is none"):
+            Tile.of(open_pixels(path, 1), "EPSG:4326", None)
+    path.with_suffix(".pgw").write_text("1_0.0\n0\n0\n-1.0\n9.0\n45.0\n")
+    with pytest.raises(InputError, match="six lines"):
+        Tile.of(open_pixels(path, 1), "EPSG:4326", None)
 
 
 def test_a_geotiff_in_another_system_is_sampled_where_its_cells_lie(tmp_path, rng):
@@ -133,6 +140,19 @@ def test_a_geotiff_in_another_system_is_sampled_where_its_cells_lie(tmp_path, rn
     longitude, latitude = way.transform(x, y)
     sampled = tile.sample(latitude * DEG, longitude * DEG, 1.0)
     np.testing.assert_allclose(sampled, values[row, column], atol=0.5)
+
+
+def test_a_damaged_tiff_is_one_sentence_and_no_line_of_gdal(tmp_path, rng, capfd):
+    rasterio = pytest.importorskip("rasterio")
+    path, values = tmp_path / "a.tif", rng.integers(1, 255, (60, 70)).astype(np.uint8)
+    profile = {"driver": "GTiff", "width": 70, "height": 60, "count": 1, "dtype": "uint8", "crs": "EPSG:4326"}
+    with rasterio.open(path, "w", transform=rasterio.Affine(1e-5, 0, 9, 0, -1e-5, 45), **profile) as file:
+        file.write(values, 1)
+    path.write_bytes(path.read_bytes()[:-100])
+    pixels = open_pixels(path, 1)
+    with pytest.raises(InputError, match=r"a\.tif: found a damaged raster"):
+        pixels.cells(0, 0, 70, 60)
+    assert capfd.readouterr() == ("", "")
 
 
 ASC = "ncols 4\nnrows 3\nxllcorner 11.9995\nyllcorner 49.9995\ncellsize 0.001\nNODATA_value -9999\n"
@@ -158,10 +178,16 @@ def test_an_ascii_grid_has_its_first_row_in_the_north(tmp_path):
     ("text", "said"),
     [
         (ASC + "1 2 3", "found 3 heights, wanted 12"),
-        (ASC.replace("ncols 4", "ncols four") + HEIGHTS, "ncols: found 'four'"),
+        (ASC.replace("ncols 4", "ncols four") + HEIGHTS, 'ncols: found "four"'),
+        (ASC.replace("NODATA_value", "ncols") + HEIGHTS, "found ncols twice"),
+        (ASC.replace("ncols 4", "ncols 1e70") + HEIGHTS, "found 1e.70 x 3 cells"),
+        (ASC.replace("cellsize 0.001", "cellsize -0.001") + HEIGHTS, "wanted places on the Earth"),
+        (ASC.replace("yllcorner 49.9995", "yllcorner 4999950") + HEIGHTS, "wanted places on the Earth"),
+        (ASC + HEIGHTS.replace("7", "32767"), "found the height .32767., wanted a number from -1000"),
+        (ASC + HEIGHTS.replace("7", "1_7"), "found the height .1_7."),
         (ASC.replace("cellsize 0.001\n", "") + HEIGHTS, "cellsize"),
-        (ASC + HEIGHTS.replace("7", "seven"), "not numbers"),
-        ("a letter", "without a good ncols"),
+        (ASC + HEIGHTS.replace("7", "seven"), 'found the height "seven"'),
+        ("a letter", "without cellsize"),
     ],
 )
 def test_a_bad_ascii_grid_is_refused_in_words(tmp_path, text, said):

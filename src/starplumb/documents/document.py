@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, Self, get_args
 
+import numpy as np
 from annotated_types import Len
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
@@ -13,7 +14,8 @@ from ..io.text.files import show
 from ..io.text.json_node import unique
 from ..io.text.numbers import MOST_FINITE
 from ..io.text.write import json_text
-from ..physics.errors import InputError
+from ..physics.errors import EpochError, InputError
+from ..physics.timescales import parse
 
 MOST_PROBLEMS = 3
 """So many of the things that are wrong with a document are said."""
@@ -37,6 +39,29 @@ Numbers3 = Annotated[list[Number], Len(3, 3)]
 """About x, y, z of the star tracker."""
 Matrix3 = Annotated[list[Triple], Len(3, 3)]
 MatrixOrNulls3 = Annotated[list[Numbers3], Len(3, 3)]
+
+
+def require_times(times: Sequence[str], scale: str = "UTC") -> None:
+    """ValueError about the first of some texts that is no time in a scale."""
+    try:
+        parse(times, scale)
+    except EpochError as error:
+        raise ValueError(str(error)) from None
+
+
+def require_shape(key: str, values: object, shape: tuple[int, ...]) -> None:
+    """ValueError where lists of numbers, however deep, are not of a shape."""
+    try:
+        found = np.array(values, dtype=np.float64).shape
+    except ValueError:  # rows of several lengths
+        found = None
+    if found != shape:
+        size = "rows of several lengths" if found is None else _times(found)
+        raise ValueError(f"{key}: found {size}, wanted {_times(shape)} numbers")
+
+
+def _times(shape: tuple[int, ...]) -> str:
+    return " x ".join(map(str, shape))
 
 
 class Part(BaseModel):

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from math import pi
-from typing import Annotated, Any
+from typing import Annotated, Any, Self
 
 from annotated_types import Len
+from pydantic import model_validator
 
 from ..judge.calibrate import Calibration
 from ..judge.motion.asked import NONE
@@ -14,7 +15,7 @@ from ..judge.motion.found import Moves
 from ..physics.timescales import format_iso
 from ..physics.units import ARCSEC, DEG
 from ..table.phases import OrbitPhase
-from .document import Matrix3, Number, Numbers3, Part
+from .document import Finite, Matrix3, Number, Part, Triple, require_shape, require_times
 from .numbers import numbers
 
 
@@ -46,10 +47,18 @@ class MotionModel(Part):
     asked: str
     span: Span
     columns: list[str]
-    coefficients_arcsec: list[Numbers3]
-    covariance_arcsec2: list[list[float]]
-    weights: dict[str, float]
-    temperatures_c: dict[str, Annotated[list[float], Len(2, 2)]] | None = None
+    coefficients_arcsec: list[Triple]
+    covariance_arcsec2: list[list[Finite]]
+    weights: dict[str, Finite]
+    temperatures_c: dict[str, Annotated[list[Finite], Len(2, 2)]] | None = None
+
+    @model_validator(mode="after")
+    def _whole(self) -> Self:
+        require_times([self.span.first, self.span.last])
+        n = 3 * len(self.columns)
+        require_shape("motion.model.coefficients_arcsec", self.coefficients_arcsec, (len(self.columns), 3))
+        require_shape("motion.model.covariance_arcsec2", self.covariance_arcsec2, (n, n))
+        return self
 
 
 class MotionPart(Part):
@@ -69,8 +78,13 @@ class OrbitPart(Part):
 
     node_time: str
     time_scale: str
-    mean_motion_deg_s: float
-    period_s: float
+    mean_motion_deg_s: Finite
+    period_s: Finite
+
+    @model_validator(mode="after")
+    def _has_times(self) -> Self:
+        require_times([self.node_time], self.time_scale)
+        return self
 
 
 def motion_document(c: Calibration) -> dict[str, Any]:

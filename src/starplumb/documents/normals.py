@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from hashlib import sha256
-from typing import Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
+from annotated_types import Ge, Len
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from ..estimators.fit import Fit
 from ..judge.calibrate import Calibration
@@ -19,7 +20,7 @@ from ..physics.timescales import format_iso
 from ..physics.units import ARCSEC
 from ..solve.normals import ImageNormals, image_normals
 from ..table.parameter_names import UNITS, unit_of
-from .document import Document, Matrix3, Part
+from .document import Document, Finite, Matrix3, Part, require_shape, require_times
 from .numbers import numbers
 
 Array = NDArray[np.float64]
@@ -43,9 +44,17 @@ class Unknown(Part):
 
     name: str
     unit: str
-    reference: list[float]
-    expected: list[float]
-    covariance: list[list[float]] | None
+    reference: Annotated[list[Finite], Len(1)]
+    expected: list[Finite]
+    covariance: list[list[Finite]] | None
+
+    @model_validator(mode="after")
+    def _of_one_size(self) -> Self:
+        n = len(self.reference)
+        require_shape(f"{self.name}.expected", self.expected, (n,))
+        if self.covariance is not None:
+            require_shape(f"{self.name}.covariance", self.covariance, (n, n))
+        return self
 
 
 class ImageEquations(Part):
@@ -55,11 +64,17 @@ class ImageEquations(Part):
     image_id: str
     time: str
     unknowns: list[str]
-    information: list[float]
-    vector: list[float]
-    constant: float
-    count: int
+    information: list[Finite]
+    vector: Annotated[list[Finite], Len(1)]
+    constant: Finite
+    count: Annotated[int, Ge(0)]
     sightings: str | None = None
+
+    @model_validator(mode="after")
+    def _of_one_size(self) -> Self:
+        n = len(self.vector)
+        require_shape(f"{self.image_id}.information", self.information, (n * (n + 1) // 2,))
+        return self
 
 
 class NormalsDocument(Document):
@@ -71,6 +86,21 @@ class NormalsDocument(Document):
     matrix: Matrix3
     unknowns: list[Unknown]
     images: list[ImageEquations]
+
+    @model_validator(mode="after")
+    def _names_what_it_has(self) -> Self:
+        """Every block of an image is one of the unknowns, each of which stands once, and its vector has their size."""
+        size = {unknown.name: len(unknown.reference) for unknown in self.unknowns}
+        if len(size) != len(self.unknowns) or size.get(MOUNTING) != 3:
+            raise ValueError(f"unknowns: found a name twice, or no {MOUNTING} of three, wanted each once")
+        if self.images:
+            require_times([image.time for image in self.images])
+        for image in self.images:
+            if not size.keys() >= set(image.unknowns):
+                raise ValueError(f"{image.image_id}.unknowns: found a name that is not among the unknowns")
+            n = sum(size[name] for name in image.unknowns)
+            require_shape(f"{image.image_id}.vector", image.vector, (n,))
+        return self
 
 
 def normals_document(calibration: Calibration) -> dict[str, Any] | None:

@@ -11,7 +11,7 @@ from pydantic import AfterValidator, Field, model_validator
 from ..estimators.protocol import Status
 from ..physics import so3
 from ..physics.units import ARCSEC
-from .document import Document, Files, Finite, Matrix3, MatrixOrNulls3, Number, Numbers3, Part
+from .document import Document, Files, Finite, Matrix3, MatrixOrNulls3, Number, Numbers3, Part, require_times
 from .motion import MotionPart, OrbitPart, Span
 
 ROTATION = 1e-6
@@ -261,6 +261,15 @@ class ResultDocument(Document):
                 _require_covariance(P)
                 _require_one_sigma(P, self.sigma_arcsec)
                 _require_wide_enough(P, self.interval_95_arcsec)
+        return self
+
+    @model_validator(mode="after")
+    def _has_times(self) -> Self:
+        """Whatever is said of times can be read."""
+        times = [image.time for image in self.images or () if image.time is not None]
+        times += [] if self.span is None else [self.span.first, self.span.last]
+        if times:
+            require_times(times)
         return self
 
     @property

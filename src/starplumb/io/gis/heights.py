@@ -65,7 +65,7 @@ class Raster:
         turn = dataset.transform
         if dataset.crs is None or turn.is_identity:
             raise InputError(f"{path}: found no reference system, wanted a georeferenced raster")
-        if not _is_of_this_earth(np.array(turn[:6])):
+        if not is_of_this_earth(np.array(turn[:6])):
             raise InputError(
                 f"{path}: found a georeference that is none ({show(list(turn[:6]))}), wanted one"
             )
@@ -197,10 +197,11 @@ class Raster:
         return t.a * x + t.b * y + t.c - 0.5, t.d * x + t.e * y + t.f - 0.5
 
 
-def _is_of_this_earth(turn: Array) -> bool:
+def is_of_this_earth(turn: Array) -> bool:
     """Whether a, b, c, d, e, f of a georeference, in metres or degrees, are of cells that a raster can have."""
-    cell = abs(turn[0] * turn[4] - turn[1] * turn[3])
-    return bool(np.all(np.abs(turn) < _LARGEST) and cell > _SMALLEST_CELL)
+    if not np.all(np.abs(turn) < _LARGEST):
+        return False
+    return bool(abs(turn[0] * turn[4] - turn[1] * turn[3]) > _SMALLEST_CELL)
 
 
 @dataclass(frozen=True)

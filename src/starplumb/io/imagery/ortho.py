@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 from ...imagery.scene import binned
 from ...physics.errors import InputError
 from ...physics.units import DEG
+from ..gis.heights import is_of_this_earth
 from ..gis.reference_system import Grid
+from ..text.files import show
 from .rasters import Affine, Pixels, RawImage
 
 Array = NDArray[np.float64]
@@ -43,6 +45,9 @@ class Tile:
             raise InputError(
                 f"{pixels.path}: {found}, wanted a georeferenced raster or a world file beside it"
             )
+        if not is_of_this_earth(np.array(affine)):
+            found = f"found a georeference that is none ({show(list(affine))})"
+            raise InputError(f"{pixels.path}: {found}, wanted steps that are not 0 and a place on Earth")
         columns, rows = pixels.size
         a, b, c, d, e, f = affine
         middle = a * columns / 2 + b * rows / 2 + c, d * columns / 2 + e * rows / 2 + f

@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...physics.errors import InputError
-from ..gis.drivers import open_raster
-from ..text.files import trouble
+from ..gis.drivers import open_raster, reading
+from ..text.files import read_text, trouble
+from ..text.numbers import numbers
 
 Array = NDArray[np.float64]
 Affine = tuple[float, float, float, float, float, float]
@@ -117,18 +118,14 @@ class GdalPixels:
 
     @property
     def wkt(self) -> str | None:
-        return None if self.dataset.crs is None else str(self.dataset.crs.to_wkt())
+        with reading(self.path):
+            return None if self.dataset.crs is None else str(self.dataset.crs.to_wkt())
 
     def cells(self, column: int, row: int, columns: int, rows: int) -> Array:
-        from rasterio.errors import RasterioError
         from rasterio.windows import Window
 
-        try:
+        with reading(self.path):
             band = self.dataset.read(self.band, window=Window(column, row, columns, rows), masked=True)
-        except RasterioError:
-            raise InputError(
-                f"{self.path}: found pixels that cannot be read, wanted a whole file (copy it anew)"
-            ) from None
         return np.asarray(np.ma.filled(band.astype(np.float64), np.nan), dtype=np.float64)
 
 
@@ -152,14 +149,11 @@ def _require_band(path: Path, band: int, count: int) -> None:
 
 
 def _world(place: Path) -> Affine:
-    try:
-        a, d, b, e, c, f = (float(line) for line in place.read_text(encoding="ascii").split())
-    except (ValueError, OSError):
-        raise InputError(
-            f"{place}: found text that is not a world file, wanted six lines of a number"
-        ) from None
-    if not np.all(np.isfinite([a, b, c, d, e, f])) or a * e == b * d:
-        raise InputError(f"{place}: found numbers that lay out no grid, wanted steps that are not 0")
+    words = read_text(place).split()
+    values = numbers(words)
+    if len(words) != 6 or not np.isfinite(values).all():
+        raise InputError(f"{place}: found text that is not a world file, wanted six lines of a number")
+    a, d, b, e, c, f = values.tolist()
     return a, b, c, d, e, f
 
 

@@ -1,0 +1,124 @@
+"""What ``starplumb measure`` reads: raw images, an orthoimage's tiles with their world files, heights, its sections."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+from damage import BINARY, PLAIN, hashed, packed
+from products import raster
+from target import Target
+
+SECTIONS = """
+[images]
+file = "images.csv"
+[imagery]
+files = "raw_{image_id}.png"
+saturation_dn = 4095
+[reference]
+files = ["ortho_*.png"]
+crs = "EPSG:4326"
+dem = "dem.asc"
+heights = "ellipsoidal"
+sigma_m = [0.1, 0.1, 0.5]
+correlation_length_m = 300.0
+[measure]
+grid = [4, 4]
+"""
+COLUMNS, ROWS = 40, 30
+STEP = 2e-5
+WORLD = f"{STEP}\n0.0\n0.0\n-{STEP}\n9.0\n45.0\n"
+PNG = (*BINARY, packed)
+
+
+def png(values: Any) -> bytes:
+    import io
+
+    from PIL import Image
+
+    sink = io.BytesIO()
+    Image.fromarray(values).save(sink, "PNG")
+    return sink.getvalue()
+
+
+def _files() -> dict[str, bytes]:
+    """A campaign of one image with everything that measuring reads."""
+    from starplumb.io.campaign.write import write_campaign
+    from starplumb.physics.camera import FrameCamera
+    from starplumb.plan.demo import demo
+
+    rng = np.random.default_rng(5)
+    campaign, _ = demo("frame", 1, 3)
+    camera = FrameCamera(2.2, 9e-6, (19.5, 14.5), (COLUMNS, ROWS))
+    with TemporaryDirectory() as name:
+        folder = Path(name)
+        write_campaign(folder, replace(campaign, camera=camera, sigma_mounting=np.full(3, 1e-4)))
+        files = {path.name: path.read_bytes() for path in folder.iterdir()}
+    head = files["campaign.toml"].split(b"[landmarks]")[0]
+    files = {name: files[name] for name in ("images.csv", "attitude.csv", "ephemeris.csv")}
+    raw = rng.integers(0, 4096, (ROWS, COLUMNS)).astype(np.uint16)
+    ortho = rng.integers(1, 256, (ROWS, COLUMNS)).astype(np.uint8)
+    heights = "\n".join(" ".join(f"{i + j / 2}" for j in range(9)) for i in range(8))
+    dem = "ncols 9\nnrows 8\nxllcenter 8.9999\nyllcenter 44.999\ncellsize 0.0003\nNODATA_value -9999\n"
+    return files | {
+        "campaign.toml": head + SECTIONS.encode(),
+        f"raw_{campaign.images.ids[0]}.png": png(raw),
+        "ortho_0.png": png(ortho),
+        "ortho_0.pgw": WORLD.encode(),
+        "dem.asc": f"{dem}{heights}\n".encode(),
+    }
+
+
+def _read(folder: Path) -> Any:
+    """What measuring takes out of the files: the raw image, the reference and heights around some places."""
+    from starplumb.io.campaign.read import load_images
+    from starplumb.io.imagery.scene import open_scene
+    from starplumb.physics.errors import InputError
+    from starplumb.physics.units import DEG
+
+    path = folder / "campaign.toml"
+    loaded = load_images(path)
+    config = loaded.config
+    if config.imagery is None or config.reference is None:
+        raise InputError(f"{path}: no imagery")
+    scene = open_scene(str(path), loaded.campaign, loaded.folder, config.imagery, config.reference)
+    row, column = np.meshgrid(np.arange(3.0, 25.0), np.arange(3.0, 35.0), indexing="ij")
+    latitude, longitude = (45.0 - STEP * row) * DEG, (9.0 + STEP * column) * DEG
+    return (
+        scene.raws[0].window(-2, 3, 50, 20),
+        scene.reference.sample(latitude, longitude, 2.0),
+        scene.height_at(latitude.ravel(), longitude.ravel()),
+    )
+
+
+def _georeferenced(files: Mapping[str, bytes]) -> Iterator[Target]:
+    """The same by GDAL."""
+    import rasterio
+
+    turn = rasterio.Affine(STEP, 0.0, 9.0, 0.0, -STEP, 45.0)
+    rng = np.random.default_rng(6)
+    ortho = raster(rng.integers(1, 256, (ROWS, COLUMNS)).astype(np.uint8), crs="EPSG:4326", transform=turn)
+    raw = raster(rng.integers(0, 4096, (ROWS, COLUMNS)).astype(np.uint16))
+    toml = files["campaign.toml"].replace(b"_{image_id}.png", b"_{image_id}.tif").replace(b"*.png", b"*.tif")
+    image = next(name for name in files if name.startswith("raw_")).replace(".png", ".tif")
+    kept = {name: data for name, data in files.items() if not name.endswith((".png", ".pgw"))}
+    found = kept | {"campaign.toml": toml, image: raw, "ortho_0.tif": ortho}
+    yield Target("measure, raw TIFF", found, (image,), _read, BINARY, ())
+    yield Target("measure, ortho TIFF", found, ("ortho_0.tif",), _read, BINARY, ())
+
+
+def raws() -> Iterator[Target]:
+    """All of them."""
+    files = _files()
+    image = next(name for name in files if name.startswith("raw_"))
+    text: Callable[..., Target] = lambda name, file, same: Target(name, files, (file,), _read, same=same)  # noqa: E731
+    yield text("measure, campaign.toml", "campaign.toml", (*PLAIN, hashed))
+    yield text("measure, world file", "ortho_0.pgw", PLAIN[:1])
+    yield text("measure, ASCII grid", "dem.asc", PLAIN[:1])
+    yield Target("measure, raw PNG", files, (image,), _read, PNG, ())
+    yield Target("measure, ortho PNG", files, ("ortho_0.png",), _read, PNG, ())
+    yield from _georeferenced(files)
