@@ -26,7 +26,7 @@ from starplumb.physics import so3
 from starplumb.physics.covariance import ellipse_of, ellipse_parts
 from starplumb.physics.errors import InputError
 from starplumb.plan.bound import bound_E
-from starplumb.report.calibration_figures import by_ellipse
+from starplumb.report.calibration.figures import by_ellipse
 from starplumb.solve import chunks, design_rows
 from starplumb.solve.adjustment import solve
 from starplumb.solve.normals import image_normals

@@ -111,7 +111,7 @@ class Structure(HTMLParser):
         found = dict(attrs)
         self.sources += [found[name] for name in ("src", "xlink:href") if name in found]
         self.ids += [found["id"]] if "id" in found else []
-        if tag not in ("meta", "img", "br", "link", "path", "circle", "ellipse", "use"):
+        if tag not in ("meta", "img", "br", "link"):
             self.open.append(tag)
 
     def handle_startendtag(self, tag, attrs):

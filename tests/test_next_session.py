@@ -22,7 +22,7 @@ from starplumb.judge.scatter.variances import Component
 from starplumb.physics import so3
 from starplumb.physics.units import ARCSEC
 from starplumb.plan import scene
-from starplumb.report.calibration_tables import alignment
+from starplumb.report.calibration.tables import alignment
 from starplumb.table.campaign import SharedErrors
 from starplumb.table.geometry import observe
 from starplumb.table.simulate import Errors

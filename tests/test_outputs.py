@@ -19,7 +19,9 @@ from starplumb.io.gis.geopackage import write_residuals
 from starplumb.io.text.files import trouble
 from starplumb.io.text.visible import visible
 from starplumb.physics.errors import InputError
-from starplumb.report.svg import drawing, standalone
+from starplumb.report.charts.chart import Axis, Chart
+from starplumb.report.charts.library import figure_of
+from starplumb.report.charts.vector import standalone
 from test_docs import COMMANDS
 from test_pinhole import image, tsai
 
@@ -206,11 +208,11 @@ def test_names_that_a_terminal_would_obey_are_written_out(example, tmp_path):
 
 
 def test_a_figure_shows_any_name_without_a_warning():
-    with drawing() as (figure, axes):
-        axes[0].set_title(HOSTILE)
-    text = standalone(figure)
+    chart = Chart(Axis("", 0.0, 1.0), Axis("", 0.0, 1.0), (), title=HOSTILE)
+    text = standalone((chart,), "one")
     assert obeyed(text) == []
     assert "青森" in text
+    assert figure_of((chart,)).axes[0].get_title() == HOSTILE
 
 
 @pytest.mark.parametrize("name", ["pipe", "zero", "folder", "nothing"])

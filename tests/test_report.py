@@ -31,9 +31,9 @@ from starplumb.physics import so3
 from starplumb.physics.earth import C_JT, itrf_to_geodetic
 from starplumb.physics.units import ARCSEC, DEG
 from starplumb.plan.demo import demo
-from starplumb.report import calibration_tables as tables
-from starplumb.report.calibration import calibration_page
-from starplumb.report.calibration_tables import _intersection_row
+from starplumb.report.calibration import tables
+from starplumb.report.calibration.page import calibration_page
+from starplumb.report.calibration.tables import _intersection_row
 from starplumb.report.plots import Ellipse, outline, thinned
 from starplumb.report.simulation import simulation_page
 from starplumb.report.text import coefficient, euler_zyx, interval, length, listed, measured, number
@@ -162,7 +162,7 @@ from starplumb.estimators.gls import Gls
 from starplumb.documents.from_calibration import result_document
 from starplumb.judge.calibrate import calibrate
 from starplumb.plan.demo import demo
-from starplumb.report.calibration import calibration_page
+from starplumb.report.calibration.page import calibration_page
 done = calibrate(demo("line-scan", 2, 3)[0], Gls())
 document = result_document(done, "gls", ("camera", "tracker"), {}, {})
 print(hashlib.sha256(calibration_page(done, document).encode()).hexdigest())
@@ -424,8 +424,8 @@ def test_of_very_many_images_and_landmarks_the_worst_are_listed(campaign, monkey
     full = result_document(done, "gls", names, {}, provenance)
     assert "not_listed" not in full
     monkeypatch.setattr("starplumb.documents.from_calibration.LISTED_AT_MOST", 2)
-    monkeypatch.setattr("starplumb.report.calibration_lists.IMAGES_AT_MOST", 1)
-    monkeypatch.setattr("starplumb.report.calibration_lists.LISTED_AT_MOST", 1)
+    monkeypatch.setattr("starplumb.report.calibration.lists.IMAGES_AT_MOST", 1)
+    monkeypatch.setattr("starplumb.report.calibration.lists.LISTED_AT_MOST", 1)
     short = result_document(done, "gls", names, {}, provenance)
     for kind, key in (("images", "rms_px"), ("landmarks", "rms_own_px")):
         worst = sorted(full[kind], key=lambda row: -row[key])[:2]

@@ -31,7 +31,7 @@ from starplumb.judge.scatter.variances import (
 )
 from starplumb.judge.snooping import fit_at
 from starplumb.report.calibration import summary
-from starplumb.report.calibration_tables import alignment
+from starplumb.report.calibration.tables import alignment
 from starplumb.table.campaign import SharedErrors
 from starplumb.table.geometry import observe
 from starplumb.table.sharing import with_shared

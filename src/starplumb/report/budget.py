@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from .amounts import bars
 from .page import Figure, Page, Section, Table, render
-from .plots import bars
 from .text import number, triple
 
 Document = Mapping[str, Any]

@@ -1,7 +1,7 @@
 """A report as data (sections of sentences, tables and figures) and its rendering as one self-contained HTML page.
 
-Every string is escaped by the template engine; only the figures, which :mod:`starplumb.report.svg` has made, pass as
-they are.  The page needs no network, no script and no other file.
+Every string is escaped by the template engine; only the figures, which :mod:`.charts.vector` has made, pass as they
+are.  The page needs no network, no script and no other file.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
 
     from .cards import Card
+    from .charts.chart import Chart
 
 Tone = Literal["good", "fair", "bad"]
 _FOOT = "<footer><p>Made by starplumb "
@@ -25,22 +26,40 @@ _FOOT = "<footer><p>Made by starplumb "
 
 @dataclass(frozen=True)
 class Figure:
-    """A matplotlib figure, its description for those who cannot see it, and its caption.
+    """A chart, or several side by side, its description for those who cannot see it, and its caption.
 
     ``name`` is its own in the page.
     """
 
-    drawing: Drawing
+    chart: Chart | tuple[Chart, ...]
     name: str
     alt: str
     caption: str
 
     @property
-    def svg(self) -> str:
-        """The drawing as an ``<svg>`` element."""
-        from .svg import svg_text
+    def charts(self) -> tuple[Chart, ...]:
+        return self.chart if isinstance(self.chart, tuple) else (self.chart,)
 
-        return svg_text(self.drawing, self.name)
+    @property
+    def svg(self) -> str:
+        """The charts as an ``<svg>`` element of a page."""
+        from .charts.vector import svg_text
+
+        return svg_text(self.charts, self.name)
+
+    @property
+    def file(self) -> str:
+        """The charts as the text of an SVG file on white ground."""
+        from .charts.vector import standalone
+
+        return standalone(self.charts, self.name)
+
+    @property
+    def drawing(self) -> Drawing:
+        """The charts as a matplotlib figure."""
+        from .charts.library import figure_of
+
+        return figure_of(self.charts)
 
 
 @dataclass(frozen=True)

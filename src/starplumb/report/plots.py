@@ -1,24 +1,33 @@
-"""The few kinds of drawing that reports are made of: arrows, points, ellipses, bars, histograms, curves, intervals.
+"""Drawings of places: arrows, points, ellipses.  Those of amounts are in :mod:`.amounts`.
 
 Each takes plain arrays in the units of its axes and returns a :class:`~starplumb.report.page.Figure`.  What is not
-finite is left out; of very many points only some are drawn, and the caption says so.
+finite is left out; of very many points only some are drawn, and the caption says so.  Axes are those of what is
+accepted: what stands apart (rejected, or kept for checking) and lies beyond is shown at the rim and counted.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .charts.chart import (
+    SERIES,
+    SHAPES,
+    Arrows,
+    Axis,
+    Chart,
+    Dash,
+    Dots,
+    Key,
+    Line,
+    Mark,
+    span,
+)
 from .page import Figure
-from .svg import GRID, HEIGHT, INK, MUTED, SERIES, drawing
 from .text import number
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -29,16 +38,35 @@ WORST = 20
 """So many of them are the largest; more would show another distribution than there is."""
 LONG_ARROW = 0.09
 """Length of the 90 % longest arrow, as a share of the width of the drawing."""
-MARKERS = ("o", "^", "s", "D")
+CUT = 3.0
+"""Arrows apart that are so many times longer are cut to this."""
+AROUND = 1.5
+"""What stands apart and lies within so many times the extent of the others has its true place."""
+DASHES: tuple[Dash, ...] = ("-", "--", ":", "-.")
+SQUARE = 3.0
+"""Ratio of sides up to which a field of view is drawn in its own form."""
 
 
 @dataclass(frozen=True)
 class Points:
-    """A named group of points: ``x``, ``y`` (n,)."""
+    """A named group of points: ``x``, ``y`` (n,), with ``tips`` (n) to read; ``apart`` ones do not scale the axes."""
 
     name: str
     x: Array
     y: Array
+    tips: Sequence[str] = ()
+    apart: bool = False
+
+
+@dataclass(frozen=True)
+class Vectors:
+    """A named group of arrows (n, 2) from places (n, 2); likewise."""
+
+    name: str
+    start: Array
+    vector: Array
+    tips: Sequence[str] = ()
+    apart: bool = False
 
 
 @dataclass(frozen=True)
@@ -49,16 +77,6 @@ class Ellipse:
     centre: Array
     covariance: Array
     probability: float
-
-
-@dataclass(frozen=True)
-class Interval:
-    """A named value with the ends of its confidence interval."""
-
-    name: str
-    value: float
-    low: float
-    high: float
 
 
 def thinned(size: Array) -> tuple[NDArray[np.int64], str]:
@@ -73,48 +91,115 @@ def thinned(size: Array) -> tuple[NDArray[np.int64], str]:
     return chosen, f" {chosen.size} of {n} are drawn, the largest among them."
 
 
+def _some(tips: Sequence[str], rows: NDArray[np.int64]) -> Sequence[str]:
+    return [tips[i] for i in rows.tolist()] if len(tips) else ()
+
+
+def limits(
+    accepted: Sequence[Array], apart: Sequence[Array], margin: float = 0.08, least: float = 0.0
+) -> tuple[float, float]:
+    """Ends of an axis for what is accepted, and for what is apart and lies near it; for all where none is accepted."""
+    if not any(np.any(np.isfinite(values)) for values in accepted):
+        return span(apart, margin, least)
+    low, high = span(accepted, 0.5 * (AROUND - 1.0), least)
+    near = [values[(values >= low) & (values <= high)] for values in apart]
+    return span([*accepted, *near], margin, least)
+
+
+def _rim(groups: Sequence[tuple[str, Array, Array]], x: Axis, y: Axis) -> tuple[list[Mark], str]:
+    """Marks at the rim for what lies beyond the axes, and how many of each group do."""
+    marks: list[Mark] = []
+    words = []
+    for name, across, up in groups:
+        beyond = (across < x.low) | (across > x.high) | (up < y.low) | (up > y.high)
+        if np.any(beyond):
+            at = np.clip(across[beyond], x.low, x.high), np.clip(up[beyond], y.low, y.high)
+            marks.append(Dots(*at, "two", "x"))
+            words.append(f"{int(np.sum(beyond))} {name}".strip())
+    return marks, f" Crosses at the rim: {', '.join(words)} beyond it." if words else ""
+
+
 def vectors(
     name: str,
-    start: Array,
-    vector: Array,
-    marked: Mask,
+    groups: Sequence[Vectors],
     labels: tuple[str, str],
     unit: str,
     alt: str,
     caption: str,
     downwards: bool = False,
+    ground: Sequence[Mark] = (),
 ) -> Figure:
-    """Arrows (n, 2) from places (n, 2), the ``marked`` ones in another colour; a key tells their scale."""
-    finite = np.all(np.isfinite(start) & np.isfinite(vector), axis=-1)
-    start, vector, marked = start[finite], vector[finite], marked[finite]
-    length = np.hypot(vector[:, 0], vector[:, 1])
-    chosen, remark = thinned(length)
-    start, vector, marked = start[chosen], vector[chosen], marked[chosen]
+    """Groups of arrows over what lies under them; a key tells their scale, which is that of the accepted ones."""
+    groups = [_known(group) for group in groups]
+    core = [g for g in groups if not g.apart] or groups
+    length = np.concatenate([np.hypot(*g.vector.mT) for g in core] or [np.empty(0)])
     long = float(np.quantile(length, 0.9)) if length.size else 1.0
-    key = _round_down(long)
-    with drawing(4.3) as (figure, (axes,)):
-        axes.set_xlabel(labels[0])
-        axes.set_ylabel(labels[1])
-        axes.plot(start[:, 0], start[:, 1], ".", color=MUTED, markersize=2.5)
-        arrows = None
-        for group, colour in ((~marked, SERIES[0]), (marked, SERIES[1])):
-            drawn = axes.quiver(
-                *start[group].mT,
-                *(vector[group] / key).mT,
-                color=colour,
-                angles="uv" if not downwards else "xy",
-                scale=long / key / LONG_ARROW if long > 0.0 else 1.0,
-                scale_units="width",
-                width=0.004,
+    scale = LONG_ARROW / (long or 1.0)
+    x, y = (Axis(labels[k], *_ends(groups, k), reverse=downwards and k == 1) for k in (0, 1))
+    marks, remark = [*ground], ""
+    for group, role in zip(groups, SERIES, strict=False):
+        chosen, left = thinned(np.hypot(*group.vector.mT))
+        drawn, cut = _shortened(group, chosen, long)
+        remark += left + cut
+        x0, y0, right, up = *group.start[chosen].mT, *(scale * drawn.mT)
+        marks.append(
+            Arrows(
+                x0,
+                y0,
+                right,
+                -up if downwards else up,
+                role,
+                group.name,
+                _some(group.tips, chosen),
             )
-            arrows = drawn if arrows is None else arrows
-        axes.margins(0.12)
-        if downwards:
-            axes.invert_yaxis()
-        if arrows is not None:
-            axes.set_title(" ")  # room for the key
-            axes.quiverkey(arrows, 0.72, 1.04, 1.0, f"{number(key, 1)} {unit}", labelpos="E")
-        return Figure(figure, name, alt, caption + remark)
+        )
+    rim, beyond = _rim([(g.name, *g.start.mT) for g in groups if g.apart], x, y)
+    key = _round_down(long)
+    square = 1.0 / SQUARE < (y.high - y.low) / (x.high - x.low) < SQUARE
+    chart = Chart(
+        x,
+        y,
+        (*_inside(marks, x, y), *rim),
+        equal=downwards and square,
+        key=Key(scale * key, f"{number(key, 1)} {unit}"),
+    )
+    return Figure(chart, name, alt, caption + remark + beyond)
+
+
+def _known(group: Vectors) -> Vectors:
+    finite = np.all(np.isfinite(group.start) & np.isfinite(group.vector), axis=-1)
+    rows = np.flatnonzero(finite)
+    return replace(group, start=group.start[rows], vector=group.vector[rows], tips=_some(group.tips, rows))
+
+
+def _ends(groups: Sequence[Vectors], k: int) -> tuple[float, float]:
+    return limits(
+        [g.start[:, k] for g in groups if not g.apart], [g.start[:, k] for g in groups if g.apart], 0.12
+    )
+
+
+def _shortened(group: Vectors, chosen: NDArray[np.int64], long: float) -> tuple[Array, str]:
+    """The chosen arrows of a group; those apart that are very long keep their direction only."""
+    vector = group.vector[chosen]
+    if not group.apart or not long > 0.0:
+        return vector, ""
+    ratio = np.hypot(*vector.mT) / (CUT * long)
+    cut = int(np.sum(ratio > 1.0))
+    words = f" {cut} arrow{'s' * (cut != 1)} ({group.name}) cut short." if cut else ""
+    return vector / np.maximum(ratio, 1.0)[:, None], words
+
+
+def _inside(marks: Sequence[Mark], x: Axis, y: Axis) -> list[Mark]:
+    """Arrows that begin beyond the axes are left to the marks at the rim."""
+    return [_kept(mark, x, y) if isinstance(mark, (Arrows, Dots)) else mark for mark in marks]
+
+
+def _kept(mark: Arrows | Dots, x: Axis, y: Axis) -> Mark:
+    rows = np.flatnonzero((mark.x >= x.low) & (mark.x <= x.high) & (mark.y >= y.low) & (mark.y <= y.high))
+    tips = _some(mark.tips, rows)
+    if isinstance(mark, Dots):
+        return replace(mark, x=mark.x[rows], y=mark.y[rows], tips=tips)
+    return replace(mark, x=mark.x[rows], y=mark.y[rows], right=mark.right[rows], up=mark.up[rows], tips=tips)
 
 
 def _round_down(x: float) -> float:
@@ -134,28 +219,35 @@ def scatter(
     ellipses: Sequence[Ellipse] = (),
     ticks: Sequence[str] = (),
     equal: bool = False,
+    curves: Sequence[Mark] = (),
 ) -> Figure:
-    """Groups of points, each in its colour and marker, with ellipses; ``ticks`` name the whole numbers of x."""
-    remark = ""
-    with drawing(4.1 if equal else HEIGHT) as (figure, (axes,)):
-        axes.set_xlabel(labels[0])
-        axes.set_ylabel(labels[1])
-        for group, colour, marker in zip(groups, SERIES, MARKERS, strict=False):
-            finite = np.isfinite(group.x) & np.isfinite(group.y)
-            x, y = group.x[finite], group.y[finite]
-            chosen, remark = thinned(np.abs(y))
-            axes.plot(
-                x[chosen], y[chosen], marker, color=colour, markersize=3.5, label=group.name, fillstyle="none"
-            )
-        for ellipse, style in zip(ellipses, ("-", "--", ":", "-."), strict=False):
-            axes.plot(*outline(ellipse).mT, style, color=INK, label=ellipse.name)
-        if ticks:
-            axes.set_xticks(range(len(ticks)), list(ticks), rotation=60 if max(map(len, ticks)) > 2 else 0)
-        if equal:
-            axes.set_aspect("equal", adjustable="datalim")
-        if len(groups) + len(ellipses) > 1:
-            figure.legend(loc="outside upper center", ncols=2)
-        return Figure(figure, name, alt, caption + remark)
+    """Groups of points, each in its colour and marker, with ellipses and curves; ``ticks`` name whole numbers of x."""
+    outlines = [outline(e) for e in ellipses]
+    lines = [
+        Line(edge[:, 0], edge[:, 1], "ink", dash, e.name)
+        for e, edge, dash in zip(ellipses, outlines, DASHES, strict=False)
+    ]
+    x, y = (Axis(labels[k], *_extent(groups, outlines, k)) for k in (0, 1))
+    if ticks:
+        x = replace(x, low=-0.5, high=len(ticks) - 0.5, names=tuple(ticks))
+    marks, remark = [*curves], ""
+    for group, role, shape in zip(groups, SERIES, SHAPES, strict=False):
+        rows = np.flatnonzero(np.isfinite(group.x) & np.isfinite(group.y))
+        chosen, left = thinned(np.abs(group.y[rows]))
+        remark, rows = remark or left, rows[chosen]
+        marks.append(Dots(group.x[rows], group.y[rows], role, shape, group.name, _some(group.tips, rows)))
+    rim, beyond = _rim([(g.name, g.x, g.y) for g in groups if g.apart], x, y)
+    if len(groups) + len(ellipses) + sum(bool(mark.name) for mark in curves) < 2:
+        marks = [replace(mark, name="") for mark in marks]
+    chart = Chart(x, y, (*_inside(marks, x, y), *lines, *rim), equal=equal)
+    return Figure(chart, name, alt, caption + remark + beyond)
+
+
+def _extent(groups: Sequence[Points], outlines: Sequence[Array], k: int) -> tuple[float, float]:
+    """Ends of the axis x (0) or y (1)."""
+    pick = [(g.apart, (g.x, g.y)[k]) for g in groups]
+    edges = [edge[:, k] for edge in outlines]
+    return limits([*(v for apart, v in pick if not apart), *edges], [v for apart, v in pick if apart])
 
 
 def outline(ellipse: Ellipse) -> Array:
@@ -165,102 +257,3 @@ def outline(ellipse: Ellipse) -> Array:
     values, axes = np.linalg.eigh(ellipse.covariance)
     root = (axes * np.sqrt(np.maximum(values, 0.0))) @ axes.mT
     return np.asarray(ellipse.centre + np.sqrt(-2.0 * np.log1p(-ellipse.probability)) * circle @ root)
-
-
-def bars(
-    name: str, rows: Sequence[str], groups: Sequence[tuple[str, Array]], label: str, alt: str, caption: str
-) -> Figure:
-    """Horizontal bars: one row for each name, in it one bar for each group."""
-    thickness = 0.8 / max(len(groups), 1)
-    with drawing(max(2.2, 0.9 + 0.15 * len(rows) * max(len(groups), 1))) as (figure, (axes,)):
-        place = np.arange(len(rows), dtype=np.float64)
-        for i, (group, values) in enumerate(groups):
-            axes.barh(
-                place + (i + 0.5) * thickness - 0.4, values, 0.9 * thickness, color=SERIES[i], label=group
-            )
-        axes.set_yticks(place, list(rows))
-        axes.invert_yaxis()
-        axes.set_xlabel(label)
-        axes.grid(visible=False, axis="y")
-        if len(groups) > 1:
-            figure.legend(loc="outside upper center", ncols=len(groups))
-        return Figure(figure, name, alt, caption)
-
-
-@dataclass(frozen=True)
-class Histogram:
-    """Counts (n,) between ``edges`` (n + 1,), and the standard deviation that is stated for them, None for none."""
-
-    name: str
-    label: str
-    edges: Array
-    counts: Array
-    sigma: float | None = None
-
-
-def histogram(h: Histogram, alt: str, caption: str) -> Figure:
-    """Density of counts, with that of a centred normal of the stated standard deviation."""
-    with drawing() as (figure, (axes,)):
-        _density(axes, h)
-        axes.set_ylabel("density")
-        if h.sigma:
-            figure.legend(loc="outside upper center")
-        return Figure(figure, h.name, alt, caption)
-
-
-def histograms(name: str, parts: Sequence[Histogram], alt: str, caption: str) -> Figure:
-    """The same side by side."""
-    with drawing(3.0, 9.0, max(len(parts), 1)) as (figure, all_axes):
-        for axes, h in zip(all_axes, parts, strict=False):
-            _density(axes, h)
-            axes.set_yticks([])
-        if any(h.sigma for h in parts):
-            figure.legend(*all_axes[0].get_legend_handles_labels(), loc="outside upper center")
-        return Figure(figure, name, alt, caption)
-
-
-def _density(axes: Axes, h: Histogram) -> None:
-    density = h.counts / np.maximum(np.sum(h.counts) * np.diff(h.edges), 1e-300)
-    axes.stairs(density, h.edges, fill=True, color=SERIES[0], alpha=0.6)
-    if h.sigma:
-        x = np.linspace(h.edges[0], h.edges[-1], 201)
-        normal = np.exp(-0.5 * (x / h.sigma) ** 2) / (h.sigma * np.sqrt(2.0 * np.pi))
-        axes.plot(x, normal, color=INK, label="as the stated sigma says")
-    axes.set_xlabel(h.label)
-
-
-def lines(
-    name: str,
-    groups: Sequence[Points],
-    labels: tuple[str, str],
-    alt: str,
-    caption: str,
-    band: tuple[Array, Array, Array] | None = None,
-) -> Figure:
-    """Curves over a logarithmic axis; ``band`` (x, low, high) is where they should lie."""
-    with drawing() as (figure, (axes,)):
-        axes.set_xscale("log")
-        axes.set_xlabel(labels[0])
-        axes.set_ylabel(labels[1])
-        if band:
-            axes.fill_between(*band, color=GRID, label="95 % of Gaussian samples")
-        for group, colour, marker in zip(groups, SERIES, MARKERS, strict=False):
-            axes.plot(group.x, group.y, f"{marker}-", color=colour, markersize=3.0, label=group.name)
-        figure.legend(loc="outside upper center", ncols=2 if band else len(groups))
-        return Figure(figure, name, alt, caption)
-
-
-def intervals(
-    name: str, rows: Sequence[Interval], band: tuple[float, float], label: str, alt: str, caption: str
-) -> Figure:
-    """Values with their intervals, one row each, over the band in which they should lie."""
-    with drawing(max(2.0, 0.9 + 0.3 * len(rows))) as (figure, (axes,)):
-        axes.axvspan(*band, color=SERIES[2], alpha=0.2)
-        axes.axvline(1.0, color=MUTED, linewidth=0.8)
-        for place, row in enumerate(rows):
-            axes.plot((row.low, row.high), (place, place), color=SERIES[0])
-            axes.plot(row.value, place, "o", color=SERIES[0], markersize=4.0)
-        axes.set_yticks(range(len(rows)), [row.name for row in rows])
-        axes.invert_yaxis()
-        axes.set_xlabel(label)
-        return Figure(figure, name, alt, caption)

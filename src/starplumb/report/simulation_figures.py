@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from ..study.statistics import Z95
+from .amounts import Histogram, Interval, histogram, histograms, intervals, lines
 from .page import Figure
-from .plots import Histogram, Interval, Points, histogram, histograms, intervals, lines
-from .svg import standalone
+from .plots import Points
 from .text import number
 
 Document = Mapping[str, Any]
@@ -22,10 +22,10 @@ def simulation_files(document: Document) -> dict[str, str]:
     """Figures as SVG files by their names."""
     files = {}
     for name, method in document["methods"].items():
-        files[f"histogram-{name}.svg"] = standalone(all_histograms(name, method).drawing)
-        files[f"convergence-{name}.svg"] = standalone(convergence(name, method["convergence"]).drawing)
+        files[f"histogram-{name}.svg"] = all_histograms(name, method).file
+        files[f"convergence-{name}.svg"] = convergence(name, method["convergence"]).file
     for figure in ratios(document["methods"]):
-        files["error-over-stated.svg"] = standalone(figure.drawing)
+        files["error-over-stated.svg"] = figure.file
     return files
 
 

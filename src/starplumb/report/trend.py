@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .charts.chart import Area, Axis, Chart, Dots, Line, Mark, Role, span
 from .page import Figure, Page, Section, Table, Tone, render
-from .svg import MUTED, SERIES, drawing
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+from .plots import Points, scatter
 
 Array = NDArray[np.float64]
 Document = Mapping[str, Any]
@@ -100,36 +98,47 @@ def _figure(d: Document, k: int) -> Figure:
         np.array([p[name][k] for p in points])
         for name in ("value_arcsec", "sigma_arcsec", "trend_arcsec", "trend_sigma_arcsec")
     )
-    with drawing(3.0) as (figure, (axes,)):
-        _bands(axes, t, line, band, "-")
-        _bands(
-            axes,
-            _dates([f["time"] for f in ahead]),
-            np.array([f["value_arcsec"][k] for f in ahead]),
-            np.array([f["sigma_arcsec"][k] for f in ahead]),
-            "--",
-        )
-        thin = min(1.0, CLOSE / t.size)
-        axes.errorbar(t, value, sigma, fmt="o", ms=1.0 + 2.0 * thin, lw=0.8 * thin, color=SERIES[1])
-        for event in d["events"]:
-            axes.axvline(float(_dates([event["time"]])[0]), color=MUTED, lw=0.8, ls=":")
-        for one in d["issued"]:
-            axes.axvline(float(_dates([one["from"]])[0]), color=SERIES[2], lw=0.8, ls="-.")
-        axes.set_ylabel(f"about {axis}, arcsec")
-        axes.xaxis_date()
-        axes.set_xlabel("date (UTC)")
+    later = _dates([f["time"] for f in ahead])
+    told, spread = (np.array([f[name][k] for f in ahead]) for name in ("value_arcsec", "sigma_arcsec"))
+    events, issued = (
+        _dates([one[key] for one in d[name]]) for name, key in (("events", "time"), ("issued", "from"))
+    )
+    whole = [value - sigma, value + sigma, line - HALF_95 * band, line + HALF_95 * band]
+    y = Axis(f"about {axis}, arcsec", *span([*whole, told - HALF_95 * spread, told + HALF_95 * spread]))
+    thin = min(1.0, CLOSE / t.size)
+    tips = [f"{p['time'][:10]} {p['name']}" for p in points]
+    marks = (
+        *_bands(t, line, band, "-"),
+        *_bands(later, told, spread, "--"),
+        *(_upright(at, y, "muted", ":") for at in events),
+        *(_upright(at, y, "three", "-.") for at in issued),
+        Line(np.repeat(t, 3), _bars(value, sigma), "two", width=0.9 * thin),
+        Dots(t, value, "two", tips=tips, filled=True, size=0.3 + 0.7 * thin),
+    )
+    chart = Chart(Axis("date (UTC)", *span([t, later, events, issued]), dates=True), y, marks)
     ends = f"{value.min():.2f} to {value.max():.2f} arcsec in {value.size} campaigns"
     alt = f"The mounting about {axis} against time: {ends}."
-    marks = (
+    words = (
         "; dotted: events; dash-dotted: from when a mounting was issued" if d["events"] or d["issued"] else ""
     )
-    return Figure(figure, f"trend-{axis}", alt, f"About {axis} of the star tracker, from the mean{marks}.")
+    return Figure(chart, f"trend-{axis}", alt, f"About {axis} of the star tracker, from the mean{words}.")
 
 
-def _bands(axes: Axes, t: Array, line: Array, sigma: Array, style: str) -> None:
-    axes.plot(t, line, style, color=SERIES[0], lw=1.2)
-    for half, alpha in ((HALF_95, 0.15), (HALF_68, 0.25)):
-        axes.fill_between(t, line - half * sigma, line + half * sigma, color=SERIES[0], alpha=alpha, lw=0)
+def _bars(value: Array, sigma: Array) -> Array:
+    """Ends of upright bars, each with a gap behind."""
+    return np.stack([value - sigma, value + sigma, np.full_like(value, np.nan)], axis=-1).ravel()
+
+
+def _upright(at: float, y: Axis, role: Role, dash: Literal[":", "-."]) -> Line:
+    return Line(np.array([at, at]), np.array([y.low, y.high]), role, dash, width=0.9)
+
+
+def _bands(t: Array, line: Array, sigma: Array, style: Literal["-", "--"]) -> tuple[Mark, ...]:
+    areas = (
+        Area(t, line - half * sigma, line + half * sigma, "one", opacity=opacity)
+        for half, opacity in ((HALF_95, 0.15), (HALF_68, 0.25))
+    )
+    return (*areas, Line(t, line, "one", style)) if t.size else ()
 
 
 def _against(d: Document) -> tuple[Figure, ...]:
@@ -148,14 +157,14 @@ def _against(d: Document) -> tuple[Figure, ...]:
 
 def _scatter(d: Document, label: str, name: str, given: Sequence[float | None]) -> Figure:
     x = np.array([np.nan if value is None else value for value in given])
-    with drawing(3.0) as (figure, (axes,)):
-        for k, marker in enumerate(("o", "^", "s")):
-            y = np.array([p["value_arcsec"][k] for p in d["points"]])
-            axes.plot(x, y, marker, ms=3.5, color=SERIES[k], label=f"about {AXES[k]}")
-        axes.set_xlabel(label)
-        axes.set_ylabel("arcsec from the mean")
-        axes.legend()
-    return Figure(figure, name, f"The mounting against {label}.", f"Against {label}, each campaign's mean.")
+    groups = [
+        Points(f"about {axis}", x, np.array([p["value_arcsec"][k] for p in d["points"]]))
+        for k, axis in enumerate(AXES)
+    ]
+    alt = f"The mounting against {label}."
+    return scatter(
+        name, groups, (label, "arcsec from the mean"), alt, f"Against {label}, each campaign's mean."
+    )
 
 
 def _changes(d: Document) -> tuple[Table, ...]:

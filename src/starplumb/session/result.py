@@ -171,7 +171,7 @@ class Result(Shown):
 
     def report(self) -> str:
         """``report.html``: one page with tables and figures, which needs no other file."""
-        from ..report.calibration import calibration_page
+        from ..report.calibration.page import calibration_page
 
         return calibration_page(self.calibration, self.document)
 
@@ -244,7 +244,7 @@ class Result(Shown):
         self, where: Literal["image", "ground"] = "image", when: Literal["before", "after"] = "after"
     ) -> Figure:
         """Residuals as arrows over the field of view, px, or over the ground, m."""
-        from ..report.calibration_figures import residual_vectors
+        from ..report.calibration.figures import residual_vectors
 
         return residual_vectors(self.calibration, where, when).drawing
 
@@ -256,27 +256,27 @@ class Result(Shown):
 
         With ``shared_errors`` False less the errors that all markers of an image share, as far as they are estimated.
         """
-        from ..report.calibration_figures import trend
+        from ..report.calibration.figures import trend
 
         return trend(self.calibration, against, shared_errors).drawing
 
     def plot_ground(self) -> Figure:
         """East and north errors of every observation after the calibration."""
-        from ..report.calibration_figures import ground_scatter
+        from ..report.calibration.figures import ground_scatter
 
         return ground_scatter(self.calibration).drawing
 
     @checked
     def plot_alignment(self, axes: Literal["xy", "xz", "yz"] = "xy") -> Figure:
         """The correction with its error ellipses about two axes of the star tracker."""
-        from ..report.calibration_figures import alignment_ellipse
+        from ..report.calibration.figures import alignment_ellipse
 
         self._require("covariance_arcsec2")
         return alignment_ellipse(self.calibration, axes).drawing
 
     def plot_budget(self) -> Figure:
         """What each error source contributes to the sigmas."""
-        from ..report.calibration_figures import budget
+        from ..report.calibration.figures import budget
 
         self._require("budget")
         return budget(self.document).drawing

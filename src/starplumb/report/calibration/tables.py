@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..ground.intersection import Intersections, intersect
-from ..judge.calibrate import Calibration
-from ..judge.residuals import Accuracy
-from ..physics.units import ARCSEC, DEG
-from .page import Table
-from .text import NOT_STATED, coefficient, length, listed, number, rotation_forms
+from ...ground.intersection import Intersections, intersect
+from ...judge.calibrate import Calibration
+from ...judge.residuals import Accuracy
+from ...physics.units import ARCSEC, DEG
+from ..page import Table
+from ..text import NOT_STATED, coefficient, length, listed, number, rotation_forms
 
 Array = NDArray[np.float64]
 Document = Mapping[str, Any]

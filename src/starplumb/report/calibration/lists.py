@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from ..judge.calibrate import Calibration
-from ..physics.units import ARCSEC
-from .page import Table
-from .text import number
+from ...judge.calibrate import Calibration
+from ...physics.units import ARCSEC
+from ..page import Table
+from ..text import number
 
 Document = Mapping[str, Any]
 

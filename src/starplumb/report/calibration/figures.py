@@ -1,37 +1,61 @@
-"""The figures of a calibration's report."""
+"""The figures of a calibration's report: what is also returned to a session."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..judge.calibrate import Calibration
-from ..judge.residuals import rms
-from ..physics.earth import itrf_to_geodetic
-from ..physics.timescales import format_iso
-from ..physics.units import ARCSEC, DEG
-from .page import Figure
-from .plots import Ellipse, Points, bars, scatter, vectors
-from .text import coefficient, length, number
+from ...judge.calibrate import Calibration
+from ...judge.residuals import rms
+from ...physics.earth import itrf_to_geodetic
+from ...physics.timescales import format_iso
+from ...physics.units import ARCSEC, DEG
+from ..amounts import bars
+from ..page import Figure
+from ..plots import Ellipse, Points, Vectors, scatter, vectors
+from ..text import coefficient, length, number
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 AXES = ("x", "y", "z")
 NAMED_IMAGES = 24
 """Up to this many images are named below an axis; of more their number is given."""
 
 
+def roles(c: Calibration) -> Iterator[tuple[str, Mask]]:
+    """Names of the sightings' roles and which sightings have them: those in the solution first."""
+    used, check = c.residuals.used, c.campaign.sightings.check
+    for name, chosen in (("control", used), ("check", check), ("rejected", ~used & ~check)):
+        if np.any(chosen):
+            yield name, chosen
+
+
+def tips(c: Calibration, chosen: Mask, values: Array, unit: str) -> list[str]:
+    """What is read of a sighting: image, marker, and the size (n,) or (n, 2) of what is drawn."""
+    s, size = c.campaign.sightings, np.hypot(*values.mT) if values.ndim == 2 else values
+    images, landmarks = c.campaign.images.ids, c.campaign.landmarks.ids
+    return [
+        f"{images[s.image[i]]}, {landmarks[s.landmark[i]]}: {number(float(size[i]))} {unit}"
+        for i in np.flatnonzero(chosen)
+    ]
+
+
 def residual_vectors(
-    c: Calibration, where: Literal["image", "ground"], when: Literal["before", "after"]
+    c: Calibration,
+    where: Literal["image", "ground"],
+    when: Literal["before", "after"],
 ) -> Figure:
     """Residuals as arrows over the field of view or over the ground."""
     r = c.residuals
-    return (_over_the_field if where == "image" else _over_the_ground)(
-        c, when, *((r.after_px, r.after_m) if when == "after" else (r.before_px, r.before_m))
-    )
+    px, metres = (r.after_px, r.after_m) if when == "after" else (r.before_px, r.before_m)
+    if where == "image":
+        words = f"Residuals over the field of view {when} the calibration"
+        return over_the_field(c, f"field-{when}", px, words)
+    return _over_the_ground(c, when, metres)
 
 
 def all_residual_vectors(c: Calibration) -> tuple[Figure, ...]:
@@ -40,34 +64,38 @@ def all_residual_vectors(c: Calibration) -> tuple[Figure, ...]:
     return tuple(residual_vectors(c, where, when) for when in times for where in ("image", "ground"))
 
 
-def _over_the_field(c: Calibration, when: str, px: Array, _metres: Array) -> Figure:
+def over_the_field(c: Calibration, name: str, px: Array, words: str) -> Figure:
+    """Residuals (n, 2) px of all sightings over the field of view."""
     s = c.campaign.sightings
-    return vectors(
-        f"field-{when}",
-        np.stack([s.column_px, s.row_px], axis=-1),
-        px,
-        ~c.residuals.used,
-        ("column, px", "row, px"),
-        "px",
-        f"Residual vectors over the field of view {when} the calibration: {number(rms(px))} px rms per axis.",
-        f"Field of view, {when}: {number(rms(px))} px rms per axis. Orange: not used in the solution.",
-        downwards=True,
-    )
+    places = np.stack([s.column_px, s.row_px], axis=-1)
+    groups = [_arrows(c, role, chosen, places, px, "px") for role, chosen in roles(c)]
+    text = f"{words}: {_size(c, px)}."
+    return vectors(name, groups, ("column, px", "row, px"), "px", text, text, downwards=True)
 
 
-def _over_the_ground(c: Calibration, when: str, _px: Array, metres: Array) -> Figure:
+def _size(c: Calibration, px: Array) -> str:
+    """The rms of the sightings that it speaks of, and how many these are."""
+    used = c.residuals.used
+    if not np.any(used):
+        return "no sighting in the solution"
+    return f"{number(rms(px[used]))} px rms per axis of the {int(np.sum(used))} in the solution"
+
+
+def _arrows(c: Calibration, role: str, chosen: Mask, places: Array, values: Array, unit: str) -> Vectors:
+    read = tips(c, chosen, values, unit)
+    return Vectors(role, places[chosen], values[chosen], read, apart=role != "control")
+
+
+def _over_the_ground(c: Calibration, when: str, metres: Array) -> Figure:
     latitude, longitude, _ = itrf_to_geodetic(c.campaign.landmarks.r_J[c.campaign.sightings.landmark])
-    ground = rms(metres[np.all(np.isfinite(metres), axis=-1)])
-    return vectors(
-        f"ground-{when}",
-        np.stack([longitude, latitude], axis=-1) / DEG,
-        metres,
-        ~c.residuals.used,
-        ("longitude, deg", "latitude, deg"),
-        "m",
-        f"Residual vectors on the ground {when} the calibration: {length(ground)} rms per axis.",
-        f"Ground, {when}: {length(ground)} rms per axis. Orange: not used in the solution.",
+    places = np.stack([longitude, latitude], axis=-1) / DEG
+    known = c.residuals.used & np.all(np.isfinite(metres), axis=-1)
+    text = (
+        f"Residuals on the ground {when} the calibration: {length(rms(metres[known]))} rms per axis "
+        f"of the {int(np.sum(known))} in the solution."
     )
+    groups = [_arrows(c, role, chosen, places, metres, "m") for role, chosen in roles(c)]
+    return vectors(f"ground-{when}", groups, ("longitude, deg", "latitude, deg"), "m", text, text)
 
 
 def trends(c: Calibration) -> tuple[Figure, ...]:
@@ -95,30 +123,31 @@ def trend(
     else:
         few = len(ids) <= NAMED_IMAGES
         x, label = c.campaign.sightings.image.astype(np.float64), "image" if few else "image, counted from 0"
-        ticks = tuple(_short(name) for name in ids) if few else ()
+        ticks = ids if few else ()
     kind, px, words = (
         ("all", c.residuals.after_px, "All residuals")
         if shared_errors
         else ("own", c.residuals.fit_px, "Without the errors that images and markers share")
     )
-    return _trend(f"{against}-{kind}", x, px, label, ticks, f"{words} against {against}")
+    text = f"{words} against {against}: {_size(c, px)}."
+    groups = [
+        Points(
+            _named(part, role), x[chosen], px[chosen, k], tips(c, chosen, px[:, k], "px"), role != "control"
+        )
+        for role, chosen in (("control", c.residuals.used), *_apart(c))
+        for k, part in ((0, "column"), (1, "row"))
+        if np.any(chosen)
+    ]
+    return scatter(f"trend-{against}-{kind}", groups, (label, "residual, px"), text, text, ticks=ticks)
 
 
-def _short(name: str) -> str:
-    return name if len(name) <= 16 else f"{name[:15]}…"
+def _apart(c: Calibration) -> list[tuple[str, Mask]]:
+    """Those that were rejected; sightings kept for checking are left to the figures that show places."""
+    return [(role, chosen) for role, chosen in roles(c) if role == "rejected"]
 
 
-def _trend(name: str, x: Array, px: Array, label: str, ticks: Sequence[str], words: str) -> Figure:
-    groups = (Points("column", x, px[:, 0]), Points("row", x, px[:, 1]))
-    size = f"{number(rms(px))} px rms per axis"
-    return scatter(
-        f"trend-{name}",
-        groups,
-        (label, "residual, px"),
-        f"{words}: residuals of column and row after the calibration, {size}.",
-        f"{words}: {size}.",
-        ticks=ticks,
-    )
+def _named(part: str, role: str) -> str:
+    return part if role == "control" else f"{part}, {role}"
 
 
 def _time(c: Calibration) -> tuple[Array, str]:
@@ -161,13 +190,12 @@ def alignment_ellipse(c: Calibration, pair: Literal["xy", "xz", "yz"]) -> Figure
 
 def ground_scatter(c: Calibration) -> Figure:
     """East and north errors after the calibration with the ellipse of their scatter."""
-    used, check = c.residuals.used, c.campaign.sightings.check
+    errors = c.residuals.after_m
     groups = [
-        Points(name, *c.residuals.after_m[chosen].mT)
-        for name, chosen in (("control", used), ("check", check), ("rejected", ~used & ~check))
-        if np.any(chosen)
+        Points(name, errors[chosen, 0], errors[chosen, 1], tips(c, chosen, errors, "m"), name != "control")
+        for name, chosen in roles(c)
     ]
-    control = c.residuals.after_m[used & np.all(np.isfinite(c.residuals.after_m), axis=-1)]
+    control = errors[c.residuals.used & np.all(np.isfinite(errors), axis=-1)]
     ellipses = []
     if len(control) > 2:
         spread = np.cov(control.mT)

@@ -7,13 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from ..judge.calibrate import Calibration
-from ..physics.units import ARCSEC
-from . import calibration_figures as figures
-from . import calibration_lists as lists
-from . import calibration_tables as tables
-from .page import Page, Section, Tone, render
-from .text import length, listed, measured
+from ...judge.calibrate import Calibration
+from ...physics.units import ARCSEC
+from ..page import Page, Section, Tone, render
+from ..text import length, listed, measured
+from . import figures, lists, tables
 
 BADGES: dict[str, tuple[str, Tone]] = {
     "ok": ("ok: the mounting may be used", "good"),
