@@ -30,7 +30,7 @@ from starplumb.judge.scatter.variances import (
     satterthwaite,
 )
 from starplumb.judge.snooping import fit_at
-from starplumb.report.calibration import summary
+from starplumb.report.calibration.page import summary
 from starplumb.report.calibration.tables import alignment
 from starplumb.table.campaign import SharedErrors
 from starplumb.table.geometry import observe
