@@ -154,7 +154,7 @@ def _time(c: Calibration) -> tuple[Array, str]:
     """Seconds of each exposure after the first image, and the first image's epoch."""
     images = c.campaign.images
     first = int(np.min(images.t_ns))
-    exposed = images.exposed(c.observations.image, c.campaign.sightings.row_px)
+    exposed = images.exposed(c.campaign.sightings.image, c.campaign.sightings.row_px)
     return np.asarray(1e-9 * (exposed - first), dtype=np.float64), format_iso(np.array([first]), "UTC", 3)[0]
 
 
