@@ -82,6 +82,32 @@ def test_workers_give_the_same_results(fleet, tmp_path):
 
 
 @pytest.mark.slow
+def test_a_dask_cluster_gives_the_same_results(fleet, tmp_path):
+    distributed = pytest.importorskip("distributed")
+    run(fleet, "--out", tmp_path / "one")
+    with distributed.LocalCluster(
+        n_workers=1, threads_per_worker=1, dashboard_address=None, host="127.0.0.1"
+    ) as cluster:
+        address = cluster.scheduler_address
+        done = starplumb(
+            "calibrate",
+            *fleet,
+            "--scheduler",
+            address,
+            "--quiet",
+            "--out",
+            tmp_path / "two",
+            "--archive",
+            "d.db",
+        )
+    assert done.status == 0, done.err
+    for name in "abc":
+        one, two = ((tmp_path / folder / name / "result.json").read_bytes() for folder in ("one", "two"))
+        assert one == two
+    assert len(sp.open_archive("d.db").entries) == 3
+
+
+@pytest.mark.slow
 def test_satellites_are_those_that_campaigns_name(fleet, tmp_path):
     for path in fleet[:2]:
         text = path.read_text().replace("[campaign]\n", '[campaign]\nsatellite = "SAT-7"\n')
