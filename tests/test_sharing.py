@@ -193,6 +193,7 @@ def test_white_noise_of_raw_samples():
     found = (common @ common.T).reshape(total.shape)
     np.testing.assert_allclose(found, total, atol=2e-3 * np.abs(total).max())
     assert not np.any(stated.cov_attitude_E)
+    assert common.shape[1] < 3 * used.size, (common.shape, used.size)
 
 
 # ---------------------------------------------------------------- groups

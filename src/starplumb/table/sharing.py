@@ -317,7 +317,8 @@ def root_of(correlation: Array) -> Array:
 def _of_samples(attitude: Attitude, t_ns: NDArray[np.int64], L: Array) -> Source:
     """White noise of the samples of a series, as it is interpolated at epochs (n,); L (n, 3, 3) its square root.
 
-    Epochs that have samples in common, even by way of others, form a group.
+    Epochs that have samples in common, even by way of others, form a group; of fewer epochs than samples it takes as
+    many columns as there are epochs.
     """
     samples, weights = attitude.weights(t_ns)
     used, place = np.unique(np.where(weights != 0.0, samples, samples[:, :1]), return_inverse=True)
@@ -331,5 +332,11 @@ def _of_samples(attitude: Attitude, t_ns: NDArray[np.int64], L: Array) -> Source
     width = int(np.max(np.bincount(chain)))
     shares = np.zeros((t_ns.size, width))
     np.add.at(shares, (np.arange(t_ns.size)[:, None], place - first[group][:, None]), weights)
-    pattern = L[:, :, None, :] * shares[:, None, :, None]
-    return as_stated("attitude", "turn_E", pattern.reshape(t_ns.size, 3, 3 * width), group)
+    roots = np.zeros((t_ns.size, int(np.max(np.minimum(np.bincount(chain), np.bincount(group))))))
+    for number, taken in enumerate(np.bincount(chain)):
+        members = group == number
+        own = shares[members, :taken]
+        own = own if taken <= len(own) else root_of(own @ own.T)
+        roots[members, : own.shape[1]] = own
+    pattern = L[:, :, None, :] * roots[:, None, :, None]
+    return as_stated("attitude", "turn_E", pattern.reshape(t_ns.size, 3, -1), group)

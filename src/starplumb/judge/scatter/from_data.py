@@ -50,7 +50,7 @@ def components(
     """
     of_attitude = np.array([name.startswith("attitude") for name in images.common_of], dtype=np.bool_)
     of_session = np.array([estimated and name == SESSIONS for name in images.common_of], dtype=np.bool_)
-    D, others = images.common[..., of_attitude & ~of_session], images.common[..., ~of_attitude]
+    D, others = (_narrowed(images.common[..., some]) for some in (of_attitude & ~of_session, ~of_attitude))
     mean = np.mean(images.attitude_E + D @ D.mT, axis=0)
     own = images.sightings_E - images.landmarks @ images.landmarks.mT
     found, about = [], np.zeros((3, 3))
@@ -68,6 +68,15 @@ def components(
     unstated = [c for k, groups in levels.items() for c in _of_level(k, _columns(root, groups), about, 0.0)]
     kept = [c for c in found if np.any(c.own) or np.any(c.common)]
     return (*kept, within, *(c for c in unstated if np.any(c.common)))
+
+
+def _narrowed(Z: Array) -> Array:
+    """Columns (m, 3, c) of the same covariance, of which there are no more than rows: attitude samples are many."""
+    rows = Z.reshape(3 * len(Z), Z.shape[-1])
+    if rows.shape[1] <= len(rows):
+        return Z
+    axes, sizes, _ = np.linalg.svd(rows, full_matrices=False)
+    return np.asarray((axes * sizes).reshape(len(Z), 3, -1))
 
 
 def _of_level(name: str, Z: Array, about: Array, stated: float) -> list[Component]:
