@@ -63,17 +63,22 @@ def test_factors_have_an_inverse_gamma_cut_off_at_none(rng, squares):
     np.testing.assert_allclose(np.quantile(found, p), expected, rtol=0.03)
 
 
-def test_of_exact_images_it_is_the_textbook_s_prediction_interval(rng):
-    """Mean of J passes and a further one: t of 3 (J - 1) degrees times the root of (1 + 1 / J) times their variance."""
-    J, group = 6, np.repeat(np.arange(6), 3)
+@pytest.mark.parametrize(("J", "together"), [(5, [[0, 1, 2]]), (6, [[0, 1], [2]])])
+def test_of_exact_images_it_is_the_textbook_s_prediction_interval(rng, J, together):
+    """Mean of J passes and a further one: Student's t times the root of (1 + 1 / J) times their variance, of all axes
+    together or, from six passes on, of the weak one by itself."""
+    group = np.repeat(np.arange(J), 3)
     passes = rng.normal(size=(J, 3)) * SIGMA
     d = passes[group] + 1e-3 * rng.normal(size=(3 * J, 3)) * SIGMA
     found = from_data(rotations(d, 1e-3), np.eye(3), 1e-3 * SIGMA / np.sqrt(3 * J), {"pass": group})
-    variance = np.sum(((passes - passes.mean(axis=0)) / SIGMA) ** 2) / (3 * (J - 1))
-    expected = stats.t.ppf(0.975, 3 * (J - 1)) * np.sqrt((1.0 + 1.0 / J) * variance) * SIGMA
     further = found.next_session
     assert (further.of, further.groups) == ("pass", J)
-    np.testing.assert_allclose(further.half_95_E, expected, rtol=0.03)
+    squares = np.sum(((passes - passes.mean(axis=0)) / SIGMA) ** 2, axis=0)
+    for axes in together:
+        degrees = len(axes) * (J - 1)
+        variance = (1.0 + 1.0 / J) * np.sum(squares[axes]) / degrees
+        expected = stats.t.ppf(0.975, degrees) * np.sqrt(variance) * SIGMA[axes]
+        np.testing.assert_allclose(further.half_95_E[axes], expected, rtol=0.03)
 
 
 def test_a_session_error_that_is_not_found_is_not_taken_for_none(rng):

@@ -407,3 +407,11 @@ def test_many_columns_of_an_error_in_common_are_as_few_of_the_same_covariance(rn
         found.append(from_data(some, np.eye(3), SIGMA / np.sqrt(6)))
     np.testing.assert_allclose(found[0].sigma_E, found[1].sigma_E, rtol=1e-6)
     assert [s.p for s in found[0].sources] == pytest.approx([s.p for s in found[1].sources], rel=1e-6)
+
+
+@pytest.mark.parametrize(("dates", "factors"), [(5, 1), (6, 2)])
+def test_of_six_dates_what_they_share_is_told_about_the_weak_axis_by_itself(rng, dates, factors):
+    group = np.repeat(np.arange(dates), 3)
+    images = rotations(rng.normal(size=(3 * dates, 3)) * SIGMA)
+    found = [c for c in components(images, np.eye(3), {"pass": group}) if c.drawn_anew]
+    assert len(found) == factors

@@ -19,6 +19,7 @@ from ..io.results.residual_table import residual_columns, residual_names
 from ..judge.calibrate import Calibration
 from ..judge.consistency import IMPLAUSIBLE_P
 from ..judge.parameters.separability import known, of_camera
+from ..judge.trust import NORMAL_95
 from ..physics import so3
 from ..physics.errors import AlignmentFailed
 from ..physics.units import ARCSEC
@@ -43,6 +44,8 @@ MAP = "residuals.gpkg"
 RESULT = "result.json"
 MARK = (RESULT, RESULT_SCHEMA)
 """The mark of the set and its kind: it is written last and has the digests of the others."""
+WIDER = 1.25
+"""Half-width of a 95 % interval over 1.96 of the larger sigmas from which on the table shows it."""
 RESULT_FILES = ("report.html", "mounting.tf", "residuals.csv", "normals.json", MAP, *MOVING_FILES)
 """Files of a result beside ``result.json``: those that a new result does not write are removed."""
 
@@ -317,7 +320,7 @@ def _table(c: Calibration, C_EK_true: Array | None) -> Table:
         first = bool(np.any(data > sigma))  # the larger leads
         of_sigma.insert(0 if first else 1, ("sigma from the data", *_fixed(data / ARCSEC)))
     rows += of_sigma
-    if c.status is Status.WEAK and half is not None:
+    if half is not None and (c.status is Status.WEAK or _wider(half, c.leading_sigma_E)):
         rows.append(("95 % interval, +-", *_fixed(half / ARCSEC)))
     if C_EK_true is not None and not lost:
         error = so3.log(c.estimate.C_EK @ C_EK_true.mT)
@@ -326,6 +329,11 @@ def _table(c: Calibration, C_EK_true: Array | None) -> Table:
         if sigma is not None:
             rows.append(("error / sigma", *_fixed(error / sigma, 2)))
     return Table(f"Alignment of {c.campaign.name}", ("arcsec about", "x", "y", "z"), rows)
+
+
+def _wider(half_E: Array, sigma_E: Array | None) -> bool:
+    """Whether half-widths of 95 % intervals are not what a reader takes a sigma for."""
+    return sigma_E is not None and bool(np.any(half_E > WIDER * NORMAL_95 * sigma_E))
 
 
 def _fixed(values: Array, places: int = 3) -> tuple[str, ...]:

@@ -30,7 +30,7 @@ AT_MOST = 300
 """Images from which factors are estimated, spread evenly; all if there are no more."""
 FEWEST = 3
 """Images from whose scatter a sigma can be told at all."""
-SEVERAL = 8
+SEVERAL = 6
 """Passes or sessions from which on what their images share is estimated about the weak axis by itself."""
 WEAK_AXIS = 1.5
 """Variance of the attitude about one axis, over that about the next, from which that axis is its weak one."""
