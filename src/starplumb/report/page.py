@@ -81,7 +81,7 @@ class Table:
 
 @dataclass(frozen=True)
 class Section:
-    """One part of a report; ``anchor`` is its address in the page."""
+    """One part of a report; ``anchor`` is its address in the page, ``panels`` are small figures to be compared."""
 
     anchor: str
     title: str
@@ -90,10 +90,13 @@ class Section:
     tables: tuple[Table, ...] = ()
     bullets: tuple[str, ...] = ()
     cards: tuple[Card, ...] = ()
+    panels: tuple[Figure, ...] = ()
 
     @property
     def empty(self) -> bool:
-        return not (self.sentences or self.figures or self.tables or self.bullets or self.cards)
+        return not (
+            self.sentences or self.figures or self.tables or self.bullets or self.cards or self.panels
+        )
 
 
 @dataclass(frozen=True)

@@ -128,12 +128,15 @@ def vectors(
     caption: str,
     downwards: bool = False,
     ground: Sequence[Mark] = (),
+    long: float | None = None,
 ) -> Figure:
-    """Groups of arrows over what lies under them; a key tells their scale, which is that of the accepted ones."""
+    """Groups of arrows over what lies under them; a key tells their scale, which is that of the accepted ones, or that
+    of another drawing whose ``long`` arrow is given."""
     groups = [_known(group) for group in groups]
     core = [g for g in groups if not g.apart] or groups
     length = np.concatenate([np.hypot(*g.vector.mT) for g in core] or [np.empty(0)])
-    long = float(np.quantile(length, 0.9)) if length.size else 1.0
+    if long is None:
+        long = float(np.quantile(length, 0.9)) if length.size else 1.0
     scale = LONG_ARROW / (long or 1.0)
     x, y = (Axis(labels[k], *_ends(groups, k), reverse=downwards and k == 1) for k in (0, 1))
     marks, remark = [*ground], ""

@@ -12,6 +12,9 @@ from ...physics.units import ARCSEC
 from ..page import Page, Section, Tone, render
 from ..text import length, listed, measured
 from . import figures, lists, tables
+from .facts import facts, in_the_camera
+from .fit_figures import image_panels, normality, own_over_the_field
+from .sites import site_map, site_table, sites
 
 BADGES: dict[str, tuple[str, Tone]] = {
     "ok": ("ok: the mounting may be used", "good"),
@@ -66,9 +69,15 @@ def _count(n: int, word: str) -> str:
 
 def _sections(c: Calibration, document: Mapping[str, Any]) -> tuple[Section, ...]:
     """All sections; empty ones are left out of the page."""
-    usable = c.status.usable
+    usable, found = c.status.usable, sites(c)
     return (
-        Section("alignment", "Alignment", tables=tables.alignment(c, document)),
+        Section(
+            "flown",
+            "What was flown",
+            figures=site_map(c, found) if usable else (),
+            tables=(facts(c, document), *tables.sources(document), *site_table(c, found)),
+        ),
+        Section("alignment", "Alignment", tables=(*tables.alignment(c, document), *in_the_camera(c))),
         Section(
             "mounting",
             "Mounting before and after",
@@ -82,6 +91,7 @@ def _sections(c: Calibration, document: Mapping[str, Any]) -> tuple[Section, ...
             ("An arrow leads from the measured place to the predicted one.",),
             (*figures.all_residual_vectors(c), *(figures.by_ellipse(c) if usable else ())),
         ),
+        *_own(c),
         Section(
             "trends", "Residuals against time, latitude and image", (), figures.trends(c) if usable else ()
         ),
@@ -100,7 +110,6 @@ def _sections(c: Calibration, document: Mapping[str, Any]) -> tuple[Section, ...
             (),
             (
                 *tables.parameters(document),
-                *tables.sources(document),
                 *tables.motion(document),
                 *lists.rejections(document),
                 *lists.images(document),
@@ -110,6 +119,18 @@ def _sections(c: Calibration, document: Mapping[str, Any]) -> tuple[Section, ...
         Section("reliability", "Reliability of each sighting", *lists.reliability(c)),
         Section("provenance", "Provenance", tables=tables.provenance(document)),
     )
+
+
+def _own(c: Calibration) -> tuple[Section, ...]:
+    """What remains of the residuals once what images and markers share is taken out."""
+    if not c.status.usable:
+        return ()
+    words = (
+        "What remains once the errors are taken out that the markers of an image, or the images of a marker, share: "
+        "the optics, the marks themselves, and whether their sigmas are right."
+    )
+    figures = (*own_over_the_field(c), *normality(c))
+    return (Section("own", "Own residuals", (words,), figures, panels=image_panels(c)),)
 
 
 def _knowledge(c: Calibration) -> Section:

@@ -1,0 +1,47 @@
+"""Coastlines under a map.
+
+Natural Earth, 1:110 million, land, version 4.1 (public domain, naturalearthdata.com), in ``data/land.npy``: longitude
+and latitude (n, 2) in hundredths of a degree, which is finer than the lines are, polygons parted by 32767.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from importlib.resources import files
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .charts.chart import Line
+
+Array = NDArray[np.float64]
+
+GAP = 32767
+NAME = "coastlines"
+
+
+@cache
+def coastlines() -> Array:
+    """Longitude and latitude (n, 2), deg, of polygons one after another, with NaN between them."""
+    with (files("starplumb.report") / "data" / "land.npy").open("rb") as file:
+        stored = np.load(file, allow_pickle=False)
+    return np.where(stored == GAP, np.nan, stored / 100.0)
+
+
+def coast(west: float, east: float, south: float, north: float) -> tuple[Line, ...]:
+    """Coastlines within a region, deg; ``east`` may go beyond 180.  Nothing where there are none."""
+    lines = (_within(coastlines() + np.array([turn, 0.0]), west, east, south, north) for turn in (0.0, 360.0))
+    return tuple(Line(x, y, "muted", width=0.9) for x, y in lines if np.any(np.isfinite(x)))
+
+
+def _within(at: Array, west: float, east: float, south: float, north: float) -> tuple[Array, Array]:
+    """The pieces of a polyline that may cross a region, with NaN in place of the others."""
+    x, y = at.T
+    inside = (x >= west) & (x <= east) & (y >= south) & (y <= north)
+    near = inside.copy()
+    near[1:] |= inside[:-1]  # the first point beyond belongs to the piece
+    near[:-1] |= inside[1:]
+    kept = near | np.isnan(x)
+    x, y = np.where(near, x, np.nan)[kept], np.where(near, y, np.nan)[kept]
+    broken = np.flatnonzero(np.diff(np.flatnonzero(kept)) > 1) + 1
+    return np.insert(x, broken, np.nan), np.insert(y, broken, np.nan)
