@@ -50,6 +50,10 @@ def test_cities_lie_on_the_land_and_oceans_do_not(place, land):
     assert on_land(*place) is land
 
 
+def test_no_coast_leaps_around_the_earth():
+    assert np.nanmax(np.abs(np.diff(coastlines()[:, 0]))) < 20.0
+
+
 def test_a_region_has_the_coast_that_crosses_it_and_no_other():
     for west in (-6.0, 354.0):  # Spain, and the same counted on
         (line,) = [one for one in coast(west, west + 10.0, 35.0, 45.0) if one.x.size > 5]

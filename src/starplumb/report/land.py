@@ -1,7 +1,8 @@
 """Coastlines under a map.
 
 Natural Earth, 1:110 million, land, version 4.1 (public domain, naturalearthdata.com), in ``data/land.npy``: longitude
-and latitude (n, 2) in hundredths of a degree, which is finer than the lines are, polygons parted by 32767.
+and latitude (n, 2) in hundredths of a degree, which is finer than the lines are, outlines parted by 32767,
+also where they cross the 180th meridian.
 """
 
 from __future__ import annotations
