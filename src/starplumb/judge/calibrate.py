@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ..estimators.cameras.ties import with_ties, without_ties
 from ..estimators.campaign_table import table_of
 from ..estimators.fit import Fit, Unknowns
 from ..estimators.gls import Gls
@@ -17,7 +18,6 @@ from ..physics import so3
 from ..physics.errors import InputError
 from ..table.campaign import Campaign
 from ..table.observations import Observations
-from ..table.sharing import passes, sessions
 from .consistency import chi2_p, findings
 from .contradictions import (
     Support,
@@ -41,8 +41,8 @@ from .parameters.separability import (
 from .parameters.single_image import rest_on_one
 from .reference import Reference
 from .residuals import Accuracy, Residuals, residuals
-from .scatter.from_data import FromData, from_data, levels_of
-from .scatter.rotations import image_rotations
+from .scatter.from_data import FromData
+from .scatter.of_campaign import scatter_of
 from .scatter.sessions import finding_of_session, with_session
 from .scatter.sources import findings_of_sources
 from .snooping import Rejection, Snooping, fit_at, recognised, rejections, snoop
@@ -136,7 +136,8 @@ class Calibration:
 
     def accuracy(self, after: bool, check: bool = False) -> Accuracy | None:
         """Geolocation accuracy of the control or check points, before or after; None where it cannot be said."""
-        chosen = self.campaign.sightings.check if check else self.residuals.used
+        surveyed = self.campaign.landmarks.surveyed[self.campaign.sightings.landmark]
+        chosen = surveyed & (self.campaign.sightings.check if check else self.residuals.used)
         errors = self.residuals.after_m if after else self.residuals.before_m
         return Accuracy.of(errors[chosen])
 
@@ -147,6 +148,7 @@ def calibrate(campaign: Campaign, estimator: Estimator, by_gls: Calibration | No
     A method that is not least squares is held against it, ``by_gls`` where that is at hand.  Raises EpochError where an
     image lies outside the orbit or attitude, InputError where there is nothing to use.
     """
+    campaign, estimator = with_ties(campaign, estimator)
     fit, estimate, own, verdict, used = _solved(campaign, estimator)
     if campaign.attitude_errors.session_estimated and own.usable:
         campaign = with_session(campaign, fit)
@@ -157,8 +159,9 @@ def calibrate(campaign: Campaign, estimator: Estimator, by_gls: Calibration | No
     tested = own.usable and estimate.unknowns is not None
     snooping = snoop(fit, estimate) if tested else None
     traded, left = tuple(combinations(observations, estimate)), residuals(fit, used)
-    scatter = _scatter(campaign, fit, estimate) if tested else None
-    moving = moves(campaign, fit) if tested else None
+    surveyed = without_ties(fit, campaign.landmarks.tie)
+    scatter = scatter_of(campaign, surveyed, estimate) if tested else None
+    moving = moves(campaign, surveyed) if tested else None
     support = Support(campaign, observations, ~campaign.sightings.check, used)
     again = Gls(unknowns.parameters, compiled=unknowns.compiled)
     evidence = _evidence(campaign, observations, estimate, used)
@@ -249,21 +252,6 @@ def _chi2_p(estimate: AlignmentEstimate) -> float | None:
 def _without_answer(own: Status) -> str:
     """Why there is no answer, and what to do where an input may be wrong."""
     return f"{own.text}; run starplumb diagnose" if own is Status.NOT_CONVERGED else own.text
-
-
-def _scatter(campaign: Campaign, fit: Fit, estimate: AlignmentEstimate) -> FromData | None:
-    """What the images alone say of an answer; None where fewer than two of them fix a rotation."""
-    images = image_rotations(fit)
-    if images is None or estimate.sigma_E is None:
-        return None
-    groups = [("session", sessions(campaign)), ("pass", passes(campaign))]
-    stated, own = campaign.attitude_errors, campaign.attitude_errors.session_estimated
-    told = own and np.any(stated.session_sigma)
-    if stated.moved or campaign.position_errors.moved or told:
-        groups = []  # what else images may share is not to be told from what they do
-    elif stated.session_sigma is not None:
-        groups = groups[:1] if own else groups[1:]
-    return from_data(images, estimate.C_EK, estimate.sigma_E, levels_of(images, groups), estimated=own)
 
 
 def _answered(estimate: AlignmentEstimate) -> tuple[AlignmentEstimate, Status]:

@@ -59,7 +59,8 @@ class Landmarks:
     """L surveyed markers: ``r_J`` (L, 3) m with ``covariance_J`` (L, 3, 3) m^2, known by ``ids`` without
     repetition.  ``common_sigma`` (3,) m east, north, up is a further error that those of one survey share; ``sources``
     names the survey of each, None for one.  ``correlation_length`` m makes the stated errors of one survey a process on
-    the ground, correlated by ``exp(-distance / length)``, None for errors that know nothing of each other."""
+    the ground, correlated by ``exp(-distance / length)``, None for errors that know nothing of each other.  ``tie``
+    (L,) says which are not surveyed, None for none: their place is a first guess, of no weight."""
 
     ids: tuple[str, ...]
     r_J: Array
@@ -67,11 +68,17 @@ class Landmarks:
     common_sigma: Array | None = None
     sources: tuple[str, ...] | None = None
     correlation_length: float | None = None
+    tie: NDArray[np.bool_] | None = None
 
     def __post_init__(self) -> None:
         n = _distinct("landmark", self.ids)
         _shape("r_J", self.r_J, (n, 3))
         _shape("covariance_J", self.covariance_J, (n, 3, 3))
+
+    @property
+    def surveyed(self) -> NDArray[np.bool_]:
+        """Which (L,) are no tie points."""
+        return np.ones(len(self.ids), dtype=np.bool_) if self.tie is None else ~self.tie
 
     def moved(self, r_J: Array) -> Landmarks:
         """The same markers at other places (L, 3), their errors the same to the east, north and up there."""

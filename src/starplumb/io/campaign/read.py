@@ -14,6 +14,7 @@ from ...physics.errors import ArgumentError, InputError
 from ...physics.light import Corrections
 from ...physics.orientation import EarthOrientation
 from ...physics.units import ARCSEC
+from ...table.cameras.ties import guessed
 from ...table.campaign import Campaign, Detections, Images, Landmarks, Sightings
 from ...table.considered import considered
 from ..gis.heights import Ground
@@ -258,7 +259,7 @@ def _assemble(
         position_errors=position_sharing(config.ephemeris),
         rig=rig,
     )
-    return _considering(campaign, config, settings), detections, rows
+    return _considering(guessed(campaign), config, settings), detections, rows
 
 
 def _considering(campaign: Campaign, config: CampaignConfig, settings: str) -> Campaign:

@@ -113,8 +113,14 @@ def _landmarks(landmarks: Landmarks) -> str:
     # turning J into T and back costs a few last digits
     rounded = [[float(f"{x:.12g}") for x in row] for row in exact.tolist()]
     sigma = np.array(rounded).reshape(exact.shape)  # which an empty list has lost
-    names, sigmas = (SIGMA_ENU, sigma) if np.ptp(sigma, axis=-1).any() else (("sigma_m",), sigma[:, :1])
-    place = (latitude / DEG, longitude / DEG, height)
+    names, sigmas = (
+        (SIGMA_ENU, sigma)
+        if np.ptp(sigma[landmarks.surveyed], axis=-1).any()
+        else (("sigma_m",), sigma[:, :1])
+    )
+    tie = ~landmarks.surveyed
+    place = (np.ma.array(x, mask=tie) for x in (latitude / DEG, longitude / DEG, height))
+    sigmas = np.where(tie[:, None], np.inf, sigmas)
     header, columns = ["landmark_id", *GEODETIC, *names], [landmarks.ids, *place, *sigmas.mT]
     if landmarks.sources is not None:
         header, columns = [*header, "source"], [*columns, landmarks.sources]

@@ -233,7 +233,10 @@ def columns_of_table(name: str, table: Any, schema: Schema) -> Columns:
     texts |= {column: _texts(at, column, table[column], floats=True) for column in schema.stamps}
     return Columns(
         header,
-        {column: _numbers(at, column, table[column]) for column in schema.numbers_in(header)},
+        {
+            column: _numbers(at, column, table[column], column in schema.unknown)
+            for column in schema.numbers_in(header)
+        },
         texts,
         table.num_rows,
         row_number,
@@ -267,18 +270,23 @@ At = tuple[str, Callable[[int], int]]
 """What messages call a table, and how they count its rows."""
 
 
-def _numbers(at: At, column: str, values: Any) -> Array:
+def _numbers(at: At, column: str, values: Any, unknown: bool = False) -> Array:
+    """Finite numbers; where they may be ``unknown`` a null is NaN, and one may be infinite."""
     from pyarrow import types
 
     name, row_number = at
     values = _decoded(values)
     if _is_text(values.type):
-        return to_numbers(name, column, [cell or "" for cell in values.to_pylist()], row_number)
-    _require_no_null(at, column, values, f"{NUMBER} in every row")
+        cells = [cell or "" for cell in values.to_pylist()]
+        return to_numbers(name, column, cells, row_number, unknown=unknown)
+    if not unknown:
+        _require_no_null(at, column, values, f"{NUMBER} in every row")
     if not any(good(values.type) for good in (types.is_integer, types.is_floating, types.is_decimal)):
         raise _type_error(name, column, values, "numbers")
     array = np.asarray(values.cast("float64", safe=False).to_numpy())
     good = np.abs(array) < MOST_FINITE
+    if unknown:
+        good |= np.isnan(array) | (array == np.inf)
     if not good.all():
         row = int(np.argmin(good))
         raise cell_error(name, row_number(row), column, float(array[row]), NUMBER)

@@ -59,13 +59,25 @@ def as_found(found: object) -> str:
 
 
 def to_numbers(
-    name: str, column: str, cells: Sequence[str], row_number: Callable[[int], int], decimal: str = "."
+    name: str,
+    column: str,
+    cells: Sequence[str],
+    row_number: Callable[[int], int],
+    decimal: str = ".",
+    unknown: bool = False,
 ) -> Array:
-    """Finite numbers (n,) of n cells. Raises InputError about the first cell that is not one."""
+    """Finite numbers (n,) of n cells; where they may be ``unknown`` an empty one is NaN, and one may be ``inf``.
+
+    Raises InputError about the first cell that is none of these.
+    """
     if decimal != ".":
         cells = [cell.replace(decimal, ".") for cell in cells]
     values = numbers(cells)
     good = np.isfinite(values)
+    if unknown and not good.all():
+        words = np.array([cell.strip().lower() for cell in cells])
+        values[words == "inf"] = np.inf
+        good |= (words == "") | (words == "inf")
     if good.all():
         return values
     row = int(np.argmin(good))

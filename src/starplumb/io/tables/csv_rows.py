@@ -42,7 +42,10 @@ def read_rows(path: Path, schema: Schema) -> Columns:
             columns = _transposed(path, block, len(header))
             for name, blocks in numbers.items():
                 blocks.append(
-                    to_numbers(str(path), name, columns[place[name]], block.line_of, schema.decimal)
+                    to_numbers(
+                        *(str(path), name, columns[place[name]], block.line_of, schema.decimal),
+                        name in schema.unknown,
+                    )
                 )
             for name, column in texts.items():
                 column += to_texts(str(path), name, columns[place[name]], block.line_of)

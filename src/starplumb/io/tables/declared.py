@@ -133,6 +133,7 @@ class Declared:
                 *(name for name in asked.numbers if name in self.stated),
             ),
             instead={self.name(one): self._names(*others) for one, others in asked.instead.items()},
+            unknown=self._names(*asked.unknown),
             stamps=stamps,
             keep=self.keep,
             separator=self.separator,

@@ -164,10 +164,12 @@ def read_table(
     may_be_empty: bool = False,
     like: Sequence[str] = (),
     instead: Mapping[str, Sequence[str]] = MappingProxyType({}),
+    unknown: Sequence[str] = (),
 ) -> Table:
     """The columns asked for, by the names that are ``declared``; others are passed over with a notice.
 
-    Number columns ``like`` a pattern are taken where they are there, and so are those that stand ``instead`` of one.
+    Number columns ``like`` a pattern are taken where they are there, and so are those that stand ``instead`` of one;
+    in those that may be ``unknown`` an empty cell is NaN, and one may be ``inf``.
 
     A file may be CSV (UTF-8, commas, any line ends; blank lines and leading ``#`` lines are passed over), Parquet or
     Arrow, which its content tells. Raises InputError naming the table and, where there are such, row and column.
@@ -181,6 +183,7 @@ def read_table(
         may_be_empty=may_be_empty,
         like=like,
         instead=instead,
+        unknown=unknown,
     )
     schema = declared.schema(asked, str(source))
     found = _columns(source, schema)

@@ -25,7 +25,8 @@ class Schema:
     ``stamps`` are columns of times, text or numbers; ``keep`` has the values, one of several, that a row must have in
     some columns to be looked at; ``may_be_empty`` admits a header without rows; ``separator`` stands between the cells
     of a text file, ``decimal`` before the decimals of its numbers; ``like`` are patterns of number columns that a table
-    may have, as in ``temperature_*_c``; ``instead`` are number columns that may all stand in place of one, of which
+    may have, as in ``temperature_*_c``; ``unknown`` are number columns whose cells may be empty (NaN) or
+    ``inf``; ``instead`` are number columns that may all stand in place of one, of which
     the first tells that they do.
     """
 
@@ -40,6 +41,7 @@ class Schema:
     decimal: str = "."
     like: Sequence[str] = ()
     instead: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    unknown: Sequence[str] = ()
 
     def texts_in(self, header: Sequence[str]) -> list[str]:
         """Text columns to read."""

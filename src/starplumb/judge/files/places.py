@@ -57,7 +57,7 @@ def _below_horizon(campaign: Campaign, o: Observations) -> Iterator[Evidence]:
 def _same_place(
     campaign: Campaign, o: Observations, errors: ImageErrors, covariance_E: Array
 ) -> Iterator[Evidence]:
-    used = np.unique(o.landmark[o.weight > 0.0])
+    used = np.unique(o.landmark[(o.weight > 0.0) & campaign.landmarks.surveyed[o.landmark]])
     r_J, covariance = campaign.landmarks.r_J[used], campaign.landmarks.covariance_J[used]
     reach = np.maximum(SAME_M, SAME_SIGMAS * np.sqrt(np.trace(covariance, axis1=-2, axis2=-1) / 3.0))
     pairs = _near(r_J, float(np.max(reach)))

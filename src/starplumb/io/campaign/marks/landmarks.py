@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ....physics.earth import C_JT, geodetic_to_itrf, itrf_to_geodetic
 from ....physics.errors import InputError
 from ....physics.units import DEG
 from ....table.campaign import Landmarks
 from ...gis.heights import HEIGHTS_M, Ground
-from ...tables.cells import Array
+from ...tables.cells import NUMBER, Array
 from ...tables.columns import CARTESIAN, GEODETIC, SIGMA_ENU
 from ...tables.declared import UNDECLARED, Declared
 from ...tables.read import Table, TableSource, other_format, read_table
@@ -21,6 +23,8 @@ from .point_files import PointFiles
 LIMITS = {"latitude_deg": (-90.0, 90.0), "longitude_deg": (-180.0, 360.0), "height_m": HEIGHTS_M}
 RADIUS_M = (6.3e6, 6.4e6)
 _BLOCK = 1 << 14
+TIE_M = 1e5
+"""Sigma of the place of a tie point, once its rays have met: far beyond what they leave open."""
 
 
 def read_landmarks(
@@ -49,6 +53,7 @@ def read_landmarks(
             optional_numbers=numbers,
             declared=declared,
             may_be_empty=True,
+            unknown=numbers,
         )
     notices += table.notices
     return landmarks_from(table if ground is None else raised(table, ground))
@@ -66,22 +71,63 @@ def raised(table: Table, ground: Ground) -> Table:
         lacks, *both = map(table.declared.name, (missing[0], *GEODETIC[:2]))
         raise InputError(f"{table.source}: found no column {lacks}, wanted {' and '.join(both)}")
     latitude, longitude = (DEG * table.numbers[name] for name in GEODETIC[:2])
-    stated = table.numbers.get("height_m")
-    height = ground.ellipsoidal(table.source, stated, latitude, longitude, tuple(table.texts["landmark_id"]))
+    stated, known = table.numbers.get("height_m"), np.flatnonzero(np.isfinite(latitude))
+    names = tuple(table.texts["landmark_id"][row] for row in known.tolist())
+    height = np.full(len(table), np.nan)
+    height[known] = ground.ellipsoidal(
+        *(table.source, None if stated is None else stated[known]), latitude[known], longitude[known], names
+    )
     return replace(table, numbers=table.numbers | {"height_m": height})
 
 
 def landmarks_from(table: Table) -> Landmarks:
     """Landmarks from their columns, as :func:`surveyed`; InputError for a landmark that is there twice."""
     table.require_distinct("landmark_id", "each landmark once")
-    r_J, covariance_J = surveyed(table)
+    tie = tie_points(table)
+    r_J, covariance_J = (
+        np.zeros((len(table), 3)),
+        np.broadcast_to(TIE_M**2 * np.eye(3), (len(table), 3, 3)).copy(),
+    )
+    known = np.flatnonzero(~tie)
+    r_J[known], covariance_J[known] = surveyed(table if not tie.any() else some_rows(table, known))
     sources = table.texts.get("source")
     return Landmarks(
         tuple(table.texts["landmark_id"]),
         r_J,
         covariance_J,
         sources=None if sources is None else tuple(sources),
+        tie=tie if tie.any() else None,
     )
+
+
+def tie_points(table: Table) -> NDArray[np.bool_]:
+    """Rows (n,) of tie points: coordinates empty (the height may be a DEM's) and sigma ``inf``.
+
+    Raises InputError about a row that is neither this nor a surveyed landmark.
+    """
+    places = [name for name in (*GEODETIC, *CARTESIAN) if name in table.numbers]
+    sigmas = [name for name in ("sigma_m", *SIGMA_ENU) if name in table.numbers]
+    tie: NDArray[np.bool_] = np.zeros(len(table), dtype=np.bool_)
+    if places and sigmas:
+        empty, endless = np.isnan(table.columns(*places)), np.isinf(table.columns(*sigmas))
+        tie = np.asarray(empty.all(axis=-1) & endless.all(axis=-1))
+    for name in (*places, *sigmas):
+        x = table.numbers[name]
+        for row in np.flatnonzero(~np.isfinite(x) & ~tie)[:1].tolist():
+            found = None if np.isnan(x[row]) else "inf"
+            raise table.error(
+                row, name, found, f"{NUMBER} in every row (a tie point has no coordinates and sigma inf)"
+            )
+    return tie
+
+
+def some_rows(table: Table, rows: NDArray[np.int64]) -> Table:
+    """Some of the rows, named as in the whole table."""
+    texts: dict[str, Sequence[str]] = {
+        name: [words[row] for row in rows.tolist()] for name, words in table.texts.items()
+    }
+    numbers = {name: x[rows] for name, x in table.numbers.items()}
+    return replace(table.named_only(rows.tolist(), texts), numbers=numbers)
 
 
 def surveyed(table: Table) -> tuple[Array, Array]:
