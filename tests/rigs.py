@@ -8,16 +8,21 @@ from dataclasses import replace
 import numpy as np
 
 from problems import C_EK_TRUE, FRAME, SIGMAS, truth
+from starplumb.io.campaign.marks.landmarks import TIE_M
 from starplumb.physics import so3
 from starplumb.physics.series import Attitude
 from starplumb.physics.units import DEG
 from starplumb.plan import scene
 from starplumb.table.cameras.rig import Rig
+from starplumb.table.cameras.views import of_camera
 from starplumb.table.campaign import Campaign, Landmarks, Sightings
+from starplumb.table.geometry import locate, project
 
 FORE = so3.exp(np.array([22.0, 0.0, 0.0]) * DEG)
 AFT = so3.exp(np.array([-22.0, 1.0, 90.0]) * DEG)
-"""C_KC of cameras that look 22 deg ahead of the first and behind it, the latter turned by a quarter about its axis."""
+BAND = so3.exp(np.array([0.02, 0.3, 0.05]) * DEG)
+"""C_KC of cameras that look 22 deg ahead of the first and behind it, the latter turned by a quarter about its axis;
+and of another band beside it."""
 
 
 def rig_truth(
@@ -75,3 +80,29 @@ def together(parts: Sequence[Campaign], names: Sequence[str], C_KC: np.ndarray) 
     )
     rig = Rig(tuple(names), (FRAME,) * len(parts), C_KC, of_image)
     return replace(parts[0], landmarks=landmarks, images=images, sightings=Sightings.joined(seen), rig=rig)
+
+
+def with_tie_points(campaign: Campaign, each: int, rng: np.random.Generator) -> Campaign:
+    """The campaign of two cameras that look the same way, with so many true tie points in each pair of images, which
+    both cameras see; what is known of their place is as good as nothing."""
+    m, L = len(campaign.images.ids) // 2, len(campaign.landmarks.ids)
+    first, second = (of_camera(campaign, k) for k in range(2))
+    image, height = np.repeat(np.arange(m), each), rng.uniform(0.0, 1500.0, m * each)
+    a = rng.uniform(3000.0, 9000.0, (image.size, 2))
+    r_J = locate(first, first.C_EK, image, a[:, 0], a[:, 1], height)
+    b = project(second, second.C_EK, image + m, r_J)
+    inside = np.all((b > 0.0) & (b < 11999.0), axis=-1)
+    image, r_J, n = image[inside], r_J[inside], int(np.sum(inside))
+    landmark, sigma, check = np.arange(L, L + n), np.full(n, SIGMAS.pixel), np.zeros(n, dtype=bool)
+    seen = [
+        Sightings(at, landmark, px[inside, 0], px[inside, 1], sigma, check)
+        for at, px in ((image, a), (image + m, b))
+    ]
+    stated = campaign.landmarks
+    landmarks = Landmarks(
+        (*stated.ids, *(f"tie{i}" for i in range(n))),
+        np.concatenate([stated.r_J, r_J]),
+        np.concatenate([stated.covariance_J, np.tile(TIE_M**2 * np.eye(3), (n, 1, 1))]),
+        tie=np.arange(L + n) >= L,
+    )
+    return replace(campaign, landmarks=landmarks, sightings=Sightings.joined([campaign.sightings, *seen]))

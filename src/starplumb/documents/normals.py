@@ -199,7 +199,13 @@ def _block(
 
 def _place(c: Calibration, landmark: int) -> dict[str, Any]:
     r_J, P = c.campaign.landmarks.r_J[landmark], c.campaign.landmarks.covariance_J[landmark]
-    return _block(f"landmark[{c.campaign.landmarks.ids[landmark]}]", "m", r_J, r_J, P)
+    return _block(_landmark(c, landmark), "m", r_J, r_J, P)
+
+
+def _landmark(c: Calibration, landmark: int) -> str:
+    """The name of a landmark's place; nobody else knows that of a tie point, which is the campaign's own."""
+    kind = LANDMARK if c.campaign.landmarks.surveyed[landmark] else "shared[tie "
+    return f"{kind}{c.campaign.landmarks.ids[landmark]}]"
 
 
 def _image(c: Calibration, one: ImageNormals, names: Sequence[str], scale: Array) -> dict[str, Any]:
@@ -207,7 +213,7 @@ def _image(c: Calibration, one: ImageNormals, names: Sequence[str], scale: Array
     one = one if turn is None else one.moved(turn[one.image])  # the data know of no motion
     s = np.concatenate([scale, np.ones(3 * one.landmarks.size)])
     N = one.information * s[:, None] * s
-    landmarks = [f"landmark[{c.campaign.landmarks.ids[int(i)]}]" for i in one.landmarks]
+    landmarks = [_landmark(c, int(i)) for i in one.landmarks]
     return {
         "image_id": c.campaign.images.ids[one.image],
         "time": format_iso(c.campaign.images.t_ns[one.image : one.image + 1], "UTC")[0],
