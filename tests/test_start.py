@@ -47,7 +47,7 @@ def test_a_small_campaign_needs_no_figures_no_readers_of_rasters_and_a_tenth_of_
     heavy = {
         *("scipy.special", "scipy.linalg", "matplotlib", "jinja2", "pyarrow", "numba", "rasterio", "pyproj"),
         *("starplumb.estimators.sequential", "starplumb.io.gis.drivers", "starplumb.identify.labelling"),
-        *("starplumb.solve.streaming", "starplumb.report.svg", "starplumb.cli.measure"),
+        *("starplumb.solve.streaming", "starplumb.report.charts", "starplumb.cli.measure"),
     }
     assert not loaded & heavy
 

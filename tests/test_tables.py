@@ -258,3 +258,27 @@ def test_json_text_has_no_nan() -> None:
     assert json.loads(json_text({"a": [1.5, None], "name": "Zürich"})) == {"a": [1.5, None], "name": "Zürich"}
     with pytest.raises(ValueError, match="JSON"):
         json_text({"a": float("nan")})
+
+
+def test_a_matrix_stands_on_a_line_of_a_json_text_and_objects_an_entry_a_line() -> None:
+    document = {
+        "C": [[1.0, -0.5], [None, 2.0]],
+        "rows": [{"é": "\u2028"}, {}],
+        "none": [],
+        "of": {"a": {"b": 1}},
+    }
+    lines = [
+        "{",
+        ' "C": [[1.0, -0.5], [null, 2.0]],',
+        ' "rows": [',
+        "  {",
+        '   "é": "\u2028"',
+        "  },",
+        "  {}",
+        " ],",
+    ]
+    lines += [' "none": [],', ' "of": {', '  "a": {', '   "b": 1', "  }", " }", "}", ""]
+    assert json_text(document) == "\n".join(lines)
+    assert json.loads(json_text(document)) == document
+    with pytest.raises(ValueError, match="JSON"):
+        json_text({"rows": [{"a": [float("inf")]}]})

@@ -10,6 +10,5 @@ import numpy as np
 def numbers(values: Any) -> Any:
     """Nested lists of floats; a number that is not finite becomes None, which JSON can say."""
     array = np.asarray(values, dtype=np.float64)
-    if array.ndim == 0:
-        return float(array) if np.isfinite(array) else None
-    return [numbers(row) for row in array]
+    finite = np.isfinite(array)
+    return (array if finite.all() else np.where(finite, array.astype(object), None)).tolist()

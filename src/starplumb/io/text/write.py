@@ -15,12 +15,26 @@ from ...disk.publish import write_text as write_text
 
 Column = Sequence[object] | NDArray[Any]
 _ROWS = 1 << 12
+_encoded = json.JSONEncoder(ensure_ascii=False, allow_nan=False).encode
 _WORDS = {"NaN": "nan", "Infinity": "inf", "-Infinity": "-inf"}
 
 
 def json_text(document: Mapping[str, object]) -> str:
-    """``document`` as indented JSON. Raises ValueError for NaN and infinities, which JSON has not."""
-    return json.dumps(document, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
+    """``document`` as indented JSON. Raises ValueError for NaN and infinities, which JSON has not.
+
+    A list of numbers or words stands on one line: so a matrix is read, and Python's compiled encoder writes it.
+    """
+    return _indented(document, "\n") + "\n"
+
+
+def _indented(value: object, line: str) -> str:
+    inner = f"{line} "
+    if isinstance(value, Mapping) and value:
+        rows = [f"{_encoded(str(key))}: {_indented(entry, inner)}" for key, entry in value.items()]
+        return f"{{{inner}{f',{inner}'.join(rows)}{line}}}"
+    if isinstance(value, list | tuple) and any(isinstance(entry, Mapping) for entry in value):
+        return f"[{inner}{f',{inner}'.join(_indented(entry, inner) for entry in value)}{line}]"
+    return _encoded(value)
 
 
 def marked(name: str, document: Mapping[str, Any]) -> Mark:
