@@ -83,8 +83,18 @@ def calibrate(
         bool | None,
         typer.Option(
             "--report/--no-report",
-            help="Write report.html, which takes two seconds [default: of a single campaign].",
+            help="Write report.html [default: of a single campaign].",
             show_default=False,
+        ),
+    ] = None,
+    pdf: Annotated[
+        bool, typer.Option("--pdf", help="Write report.pdf too, by WeasyPrint or a browser.")
+    ] = False,
+    requirement: Annotated[
+        str | None,
+        typer.Option(
+            metavar="LIMIT",
+            help="What the accuracy must be: '5 m CE90', '3 m rms' or '2 arcsec'; said if met.",
         ),
     ] = None,
     gpkg: Annotated[bool, typer.Option("--gpkg", help="Write residuals.gpkg for QGIS too.")] = False,
@@ -137,8 +147,11 @@ def calibrate(
         from ..session.mission.fleet import Asked
         from .archive.fleet import fleet
 
-        if gpkg:
-            raise InputError("--gpkg: found with several campaigns or --archive, wanted one campaign without")
+        for option, given in (("--gpkg", gpkg), ("--pdf", pdf), ("--requirement", requirement)):
+            if given:
+                raise InputError(
+                    f"{option}: found with several campaigns or --archive, wanted one campaign without"
+                )
         asked = Asked(
             *(chosen, tuple(estimate or ()), start, reach_deg, prior, drift),
             outside=outside.value,
@@ -152,16 +165,20 @@ def calibrate(
         from ..io.gis.geopackage import require_pyogrio
 
         require_pyogrio(out / MAP)
+    if pdf:
+        from ..report.pdf import require_printer
+
+        require_printer()
     found = read_campaign(campaign, outside.value)
     require_place(out, [MARK[0], *RESULT_FILES], [found.loaded.sources, prior], MARK)
     try:
-        result = run(found, estimate or (), chosen, reach_deg, prior, start, drift)
+        result = run(found, estimate or (), chosen, reach_deg, prior, start, drift, requirement)
     except NotIdentified as refused:
         speak.notices(found.notices)
         refused.save(out)
         raise
     speak.notices(found.notices)
-    result.save(out, report is not False, gpkg)
+    result.save(out, report is not False, gpkg, pdf)
     speak.document(result.document)
     advice = [f"next: starplumb diagnose {campaign}"] if result.implausible else []
     speak.shown(result, f"written: {out}", *advice)

@@ -14,6 +14,7 @@ from ..judge.calibrate import Calibration
 from ..judge.conventions.rests_on import RestsOn
 from ..judge.error_shares import shares
 from ..judge.parameters.separability import known, of_camera
+from ..judge.requirement import Met
 from ..judge.residuals import Accuracy, rms
 from ..physics import so3
 from ..physics.timescales import format_iso
@@ -167,6 +168,13 @@ def _truth(c: Calibration, C_EK_true: Array) -> dict[str, Any]:
         "error_arcsec": numbers(error / ARCSEC),
         "error_over_sigma": None if sigma is None else numbers(error / sigma),
     }
+
+
+def requirement_document(found: Met) -> dict[str, Any]:
+    """What was required and whether it is met, for ``result.json``."""
+    wanted = found.requirement
+    said = {"text": wanted.text, "limit": wanted.limit, "unit": wanted.unit}
+    return said | {"found": found.found, "of": found.of, "met": found.met, "sentence": found.sentence}
 
 
 def unmatched_document(

@@ -205,6 +205,18 @@ def _known(status: str) -> str:
     return status
 
 
+class Required(Part):
+    """What was required, and whether it is met; null where that cannot be said."""
+
+    text: str
+    limit: Finite
+    unit: str
+    found: Number
+    of: str
+    met: bool | None
+    sentence: str
+
+
 class ResultDocument(Document):
     """``result.json``; ``sigma_arcsec`` and ``covariance_arcsec2`` are about x, y, z of the star tracker, and so
     are ``interval_95_arcsec``, half-widths of the 95 % intervals widened by all that was found."""
@@ -248,6 +260,7 @@ class ResultDocument(Document):
     left_out: list[LeftOut] | None = None
     notices: list[str] | None = None
     labels: dict[str, int] | None = None
+    requirement: Required | None = None
     files: Files = None
 
     @model_validator(mode="after")

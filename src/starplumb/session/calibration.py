@@ -13,6 +13,7 @@ from ..estimators.protocol import Estimator
 from ..io.text.files import nearest
 from ..judge.motion.asked import columns_asked
 from ..judge.motion.estimated import calibrate_moving as run
+from ..judge.requirement import requirement as asked
 from ..physics.errors import AlignmentFailed, ArgumentError
 from ..physics.units import DEG
 from ..table.campaign import Campaign as Physics
@@ -73,6 +74,7 @@ def calibrate(
     prior: Result | str | Path | None = None,
     start: Starting = "closed-form",
     drift: str = "none",
+    requirement: str | None = None,
 ) -> Result:
     """Estimate the mounting of a campaign and judge the answer.
 
@@ -85,13 +87,15 @@ def calibrate(
     ``start="model"`` has a method that starts somewhere do so at the model mounting, as published, in place of the
     closed form.  ``drift`` says how the mounting moves: ``"none"`` only tests it, ``"auto"`` averages models by their
     evidence, or names, with commas between them, of ``orbit:K``, ``linear``, ``step:TIME`` and ``temperature:NAME``;
-    :func:`starplumb.predict` then gives the mounting at a time.  Raises InputError where something asked for cannot be
-    given, NotIdentified where no match is found.
+    :func:`starplumb.predict` then gives the mounting at a time.  ``requirement`` is what the accuracy must be, as
+    ``"5 m CE90"``, ``"3 m rms"`` or ``"2 arcsec"``: the result and its report then say whether it is met.
+    Raises InputError where something asked for cannot be given, NotIdentified where no match is found.
     An answer that must not be used is returned like any other: look at ``status``, or call ``raise_if_unusable``.
     """
     name = name_of(method)
     wanted = [estimate] if isinstance(estimate, str) else estimate
     columns_asked(drift)  # before the work
+    limit = None if requirement is None else asked(requirement)
     campaign.loaded.coverage.require()
     if drift != "none":
         campaign.require_one_camera("a motion of the mounting (drift)")
@@ -105,7 +109,7 @@ def calibrate(
     if found.labels is not None and found.labels.refusal:
         raise NotIdentified(campaign, found.labels, name)
     done = run(found.campaign.loaded.campaign, estimator, drift)
-    return Result(found.campaign, done if known is None else known.told(done), name, found.labels)
+    return Result(found.campaign, done if known is None else known.told(done), name, found.labels, limit)
 
 
 def estimator_of(

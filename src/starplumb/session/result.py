@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
@@ -12,13 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..disk.publish import Content
-from ..documents.from_calibration import RESULT_SCHEMA, result_document
+from ..documents.from_calibration import RESULT_SCHEMA, requirement_document, result_document
 from ..estimators.protocol import Status
 from ..io.campaign.read import LoadedCampaign
 from ..io.results.residual_table import residual_columns, residual_names
 from ..judge.calibrate import Calibration
 from ..judge.consistency import IMPLAUSIBLE_P
 from ..judge.parameters.separability import known, of_camera
+from ..judge.requirement import Met, Requirement, met
 from ..judge.trust import NORMAL_95
 from ..physics import so3
 from ..physics.errors import AlignmentFailed
@@ -41,12 +42,14 @@ Array = NDArray[np.float64]
 
 MAP = "residuals.gpkg"
 """The residuals for a geographic information system."""
+PDF = "report.pdf"
+"""The report to print."""
 RESULT = "result.json"
 MARK = (RESULT, RESULT_SCHEMA)
 """The mark of the set and its kind: it is written last and has the digests of the others."""
 WIDER = 1.25
 """Half-width of a 95 % interval over 1.96 of the larger sigmas from which on the table shows it."""
-RESULT_FILES = ("report.html", "mounting.tf", "residuals.csv", "normals.json", MAP, *MOVING_FILES)
+RESULT_FILES = ("report.html", PDF, "mounting.tf", "residuals.csv", "normals.json", MAP, *MOVING_FILES)
 """Files of a result beside ``result.json``: those that a new result does not write are removed."""
 
 
@@ -55,7 +58,8 @@ class Result(Shown):
     """The answer of one calibration: what :func:`starplumb.calibrate` returns.
 
     ``calibration`` is the plain data that everything here is taken from, in SI units and radians; ``method`` is what
-    was asked for; ``labels`` says which landmark each detection was matched with, None where they were known.
+    was asked for; ``labels`` says which landmark each detection was matched with, None where they were known;
+    ``requirement`` is what the accuracy must be, None for nothing.
     """
 
     made_by: ClassVar[str] = "calibrate"
@@ -64,6 +68,7 @@ class Result(Shown):
     calibration: Calibration
     method: str
     labels: Labels | None = None
+    requirement: Requirement | None = None
 
     @property
     def C_EK(self) -> Array:
@@ -135,7 +140,16 @@ class Result(Shown):
             _provenance(loaded),
             loaded.C_EK_true,
         )
-        return document if self.labels is None else document | {"labels": self.labels.counts}
+        if self.labels is not None:
+            document["labels"] = self.labels.counts
+        if self.met is not None:
+            document["requirement"] = requirement_document(self.met)
+        return document
+
+    @property
+    def met(self) -> Met | None:
+        """Whether the requirement is met, with what was found; None where nothing was required."""
+        return None if self.requirement is None else met(self.calibration, self.requirement)
 
     @property
     def parameters(self) -> list[dict[str, Any]]:
@@ -156,7 +170,9 @@ class Result(Shown):
     def sentences(self) -> Sequence[str]:
         c = self.calibration
         named = [] if self.labels is None else [label_sentence(self.labels)]
-        return (*named, *_sentences(c), *parameter_sentences(c), *(f"note: {text}" for text in c.sentences))
+        required = [] if self.met is None else [self.met.sentence]
+        found = (*named, *_sentences(c), *required, *parameter_sentences(c))
+        return (*found, *(f"note: {text}" for text in c.sentences))
 
     @cached_property
     def normals(self) -> dict[str, Any] | None:
@@ -179,16 +195,21 @@ class Result(Shown):
         return calibration_page(self.calibration, self.document)
 
     @checked
-    def save(self, folder: Folder, report: bool = True, gpkg: bool = False) -> None:
+    def save(self, folder: Folder, report: bool = True, gpkg: bool = False, pdf: bool = False) -> None:
         """Write what ``starplumb calibrate --out`` writes, all files or none.
 
-        ``result.json``, ``residuals.csv``, with ``report`` the page ``report.html``, with ``gpkg`` the map
-        ``residuals.gpkg``, and, if the mounting may be used, the SPICE frame kernel ``mounting.tf``.  One that moves is
-        also a table ``mounting.csv`` with its covariance and, with the extra ``spice``, a C-kernel ``mounting.bc`` with
-        its clock ``mounting.tsc``.  ``result.json`` is written last and names the others with their digests.
+        ``result.json``, ``residuals.csv``, with ``report`` the page ``report.html``, with ``pdf`` the same page as
+        ``report.pdf`` (by WeasyPrint or a browser), with ``gpkg`` the map ``residuals.gpkg``, and, if the mounting may
+        be used, the SPICE frame kernel ``mounting.tf``.  One that moves is also a table ``mounting.csv`` with its
+        covariance and, with the extra ``spice``, a C-kernel ``mounting.bc`` with its clock ``mounting.tsc``.
+        ``result.json`` is written last and names the others with their digests.
         Files of an earlier result that this one does not write are removed; no other file is replaced.
         """
         from ..io.text.write import csv_pieces, json_text, marked, publish
+        from ..report.pdf import require_printer, write_pdf
+
+        if pdf:
+            require_printer()
 
         residuals = self.residuals
         files: dict[str, Content] = {"residuals.csv": csv_pieces(residuals.names, residuals.columns)}
@@ -198,8 +219,10 @@ class Result(Shown):
             from ..io.results.labels import label_files
 
             files |= label_files(self.campaign.loaded, self.labels)
-        if report:
-            files["report.html"] = self.report()
+        if report or pdf:
+            page = self.report()
+            files |= {"report.html": page} if report else {}
+            files |= {PDF: partial(write_pdf, page)} if pdf else {}
         if self.usable:
             files["mounting.tf"] = self._kernel()
         moving = moving_kernels(self.calibration, self._kernel, self._frames) if self.usable else None

@@ -27,6 +27,7 @@ BADGES: dict[str, tuple[str, Tone]] = {
 
 def calibration_page(calibration: Calibration, document: Mapping[str, Any]) -> str:
     """``report.html`` of a calibration and its ``result.json``; the same input gives the same text."""
+    required = (document["requirement"]["sentence"],) if document.get("requirement") else ()
     badge, tone = BADGES[str(document["status"])]
     page = Page(
         title=f"Camera alignment: {calibration.campaign.name}",
@@ -35,7 +36,7 @@ def calibration_page(calibration: Calibration, document: Mapping[str, Any]) -> s
         tone=tone,
         sections=_sections(calibration, document),
         kind=f"calibration, method {document['method']}",
-        remarks=calibration.sentences,
+        remarks=(*required, *calibration.sentences),
     )
     return render(page)
 
