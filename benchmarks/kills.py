@@ -39,7 +39,7 @@ def state(folder: Path) -> State:
     return {
         path.relative_to(folder).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest()
         for path in paths
-        if ".starplumb-" not in str(path)
+        if ".starplumb-" not in str(path) and ".unfinished" not in str(path)
     }
 
 
@@ -89,6 +89,7 @@ STUDY = (
     "study",
     "-q",
 )
+TABLE = ("reproduce", "table3", "--out", "tables", "-q")
 SIGMAS = ("--sigma-m", "1", "--sigma-arcsec", "5", "-q")
 CASES = (
     Case("calibrate, first", (), ("calibrate", "campaign.toml", "--gpkg", "-q")),
@@ -102,6 +103,13 @@ CASES = (
     Case("locate --grid .tif", (*GRID, "g.tif", "--every", "100"), (*GRID, "g.tif", "--every", "20")),
     Case("import", (), ("import", "a.tsai", "new", *SIGMAS)),
     Case("import --into", ("import", "a.tsai", "new", *SIGMAS), ("import", "b.tsai", "--into", "new", "-q")),
+    Case("measure, first", (), ("measure", "world/campaign.toml", "--out", "m", "-q")),
+    Case(
+        "measure, again",
+        ("measure", "world/campaign.toml", "--out", "m", "-q"),
+        ("measure", "world/other.toml", "--out", "m", "-q"),
+    ),
+    Case("reproduce", (*TABLE, "--trials", "20"), (*TABLE, "--trials", "40")),
     Case(
         "archive add",
         ("archive", "add", "m.db", "one/result.json", "-q"),
@@ -111,8 +119,21 @@ CASES = (
 )
 
 
-def prepare(folder: Path, archive: bool) -> None:
-    """A campaign, two products of one camera, and, if wanted, an archive with two results to come."""
+def prepare_world(folder: Path) -> None:
+    """A campaign of one raw image with its reference, and the same with fewer chips."""
+    tests = Path(__file__).resolve().parents[1] / "tests"
+    sys.path[:0] = [str(tests / "imagery"), str(tests)]
+    import numpy as np
+    from on_disk import write_world
+
+    folder.mkdir()
+    write_world(folder, np.random.default_rng(11))
+    text = (folder / "campaign.toml").read_text()
+    (folder / "other.toml").write_text(text.replace("grid = [4, 4]", "grid = [3, 4]"))
+
+
+def prepare(folder: Path, archive: bool, world: bool) -> None:
+    """A campaign, two products of one camera, and, if wanted, an archive with two results to come, or images."""
     import numpy as np
     import rasterio
 
@@ -136,6 +157,8 @@ def prepare(folder: Path, archive: bool) -> None:
         ]
         pose = ["w_direction = 0 0 1", f"C = {x} 0 0", "R = 0 0 -1 0 1 0 1 0 0", "pitch = 0.0064"]
         (folder / f"{name}.tsai").write_text("\n".join(["VERSION_4", "PINHOLE", *camera, *pose, "NULL", ""]))
+    if world:
+        prepare_world(folder / "world")
     if not archive:
         return
     starplumb(folder, "archive", "init", "m.db", "-q")
@@ -201,7 +224,8 @@ def main() -> None:
     cases = [case for case in CASES if case.name.startswith(given.only)]
     with tempfile.TemporaryDirectory() as name:
         base = Path(name)
-        prepare(base / "prepared", any(case.see is campaigns for case in cases))
+        wanted = [case.new[0] for case in cases]
+        prepare(base / "prepared", "archive" in wanted, "measure" in wanted)
         print(
             "| command | kills | old | new | between | of these told | remains | run again |\n"
             + "|---" * 8

@@ -275,9 +275,28 @@ def test_several_satellites_are_told_apart(tmp_path, parts):
 
 
 def test_equations_of_another_result_are_refused(tmp_path, parts):
+    """Of a result of the first edition, which names no digests: no others would be read at all."""
     (parts["a"] / "normals.json").write_text((parts["b"] / "normals.json").read_text())
+    result = json.loads((parts["a"] / "result.json").read_text())
+    del result["files"]
+    (parts["a"] / "result.json").write_text(json.dumps(result))
     with pytest.raises(InputError, match=r"equations about another mounting than that of result\.json"):
         archive_of(tmp_path, parts["a"])
+
+
+def test_equations_that_were_changed_or_lost_since_are_refused(tmp_path, parts):
+    archive = sp.open_archive(tmp_path / "m.db", create=True)
+    folder = tmp_path / "copy"
+    shutil.copytree(parts["a"], folder)
+    text = (folder / "normals.json").read_text()
+    (folder / "normals.json").write_text(f"{text} ")
+    with pytest.raises(InputError, match=r"result\.json: found normals\.json changed since"):
+        archive.add(folder)
+    (folder / "normals.json").unlink()
+    with pytest.raises(InputError, match=r"result\.json: found normals\.json no longer beside it"):
+        archive.add(folder)
+    (folder / "normals.json").write_text(text)
+    assert archive.add(folder)["campaigns"][0]["new"]
 
 
 @pytest.mark.slow

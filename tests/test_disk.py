@@ -16,7 +16,9 @@ import pytest
 from starplumb.disk import staging
 from starplumb.disk.interruption import Stopped, stop_as_by_ctrl_c, uninterrupted
 from starplumb.disk.owned import Mark
-from starplumb.disk.publish import publish, publish_beside
+from starplumb.disk.parts import _machine, half_placed, note_order
+from starplumb.disk.publish import publish, publish_beside, unlike
+from starplumb.io.campaign.read import load_campaign
 from starplumb.physics.errors import InputError
 
 KIND = "starplumb-test/1"
@@ -194,6 +196,49 @@ def test_what_a_killed_process_left_is_told_and_then_removed(tmp_path, old, rena
     publish(tmp_path, {"a": "newer a", "b": "newer b"}, mark=mark(of="newer"))
     assert set(holds(tmp_path)) == {"a", "b", "there", "set.json"}
     assert not list(tmp_path.glob(".*"))
+
+
+def test_a_set_that_a_killed_process_had_begun_to_rename_is_told_and_completed(tmp_path):
+    """As import --into leaves it, whose files have no mark: the first of three is in place."""
+    for name, text in (("a.csv", "new a"), ("b.csv", "old b"), ("campaign.toml", "old")):
+        (tmp_path / name).write_text(text)
+    part = tmp_path / f".starplumb-{_machine()}-{2**22 + 1}-0.part"
+    part.mkdir()
+    for name in ("b.csv", "campaign.toml"):
+        (part / name).write_text(f"new {name}")
+    assert half_placed(tmp_path) is None  # it was killed before: nothing says that a rename had begun
+    note_order(part, ["a.csv", "b.csv", "campaign.toml"])
+    with pytest.raises(InputError, match=r"campaign\.toml: found files that a killed command had begun"):
+        load_campaign(tmp_path / "campaign.toml")
+    assert staging.completed(tmp_path)
+    assert holds(tmp_path) == {"a.csv": "new a", "b.csv": "new b.csv", "campaign.toml": "new campaign.toml"}
+    assert not staging.completed(tmp_path)
+
+
+def test_a_note_of_a_set_whose_first_file_waits_or_whose_last_is_in_place_says_nothing(tmp_path):
+    part = tmp_path / f".starplumb-{_machine()}-{2**22 + 1}-0.part"
+    part.mkdir()
+    note_order(part, ["a.csv", "campaign.toml"])
+    assert half_placed(tmp_path) is None  # all are in place
+    for name in ("a.csv", "campaign.toml"):
+        (part / name).write_text("new")
+    assert half_placed(tmp_path) is None  # none is
+    (part / "a.csv").unlink()
+    assert half_placed(tmp_path) == (part, ["a.csv", "campaign.toml"])
+    note_order(part, ["../a.csv", "campaign.toml"])
+    assert half_placed(tmp_path) is None
+    (part / ".order").write_text("{")
+    assert half_placed(tmp_path) is None
+
+
+def test_what_is_not_as_its_mark_says_is_told(tmp_path):
+    publish(tmp_path, {"a": "one", "b": "two"}, mark=mark())
+    files = json.loads((tmp_path / "set.json").read_text())["files"]
+    assert unlike(tmp_path, files, ["a", "b", "c"]) == []
+    (tmp_path / "a").write_text("other")
+    (tmp_path / "b").unlink()
+    assert unlike(tmp_path, files, ["b", "a"]) == ["b", "a"]
+    assert unlike(tmp_path, None, ["a"]) == []
 
 
 def test_the_unfinished_work_of_a_living_process_stays(tmp_path):

@@ -6,15 +6,18 @@ that its process is gone.
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import shutil
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import count
 from pathlib import Path
 from platform import node
 
+ORDER = ".order"
+"""The file that names what is being renamed."""
 _PREFIX = ".starplumb"
 _NAME = re.compile(rf"\{_PREFIX}-([0-9a-f]{{8}})-(\d+)-\d+\.part")
 _numbers = count()
@@ -37,6 +40,27 @@ def stale(folder: Path) -> Iterator[Path]:
         named = _NAME.fullmatch(part.name)
         if named and named[1] == _machine() and not _lives(int(named[2])):
             yield part
+
+
+def note_order(part: Path, names: Sequence[str]) -> None:
+    """Note in such a folder which of its files are about to be renamed, in which order."""
+    with (part / ORDER).open("w", encoding="utf-8") as file:
+        json.dump(list(names), file)
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def half_placed(folder: Path) -> tuple[Path, list[str]] | None:
+    """The folder and files of a set of which a process that is gone had renamed some, and not the last."""
+    for part in stale(folder):
+        try:
+            names = json.loads((part / ORDER).read_bytes())
+            left = [(part / name).exists() for name in names]
+        except (OSError, ValueError, TypeError):
+            continue
+        if left and left[-1] and not all(left) and all(Path(name).name == name for name in names):
+            return part, names
+    return None
 
 
 def remove(part: Path, keep: str | None = None) -> None:

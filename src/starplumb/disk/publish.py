@@ -87,6 +87,16 @@ def fingerprint(path: Path) -> str:
         return "sha256:" + hashlib.file_digest(file, "sha256").hexdigest()
 
 
+def unlike(folder: Path, files: Mapping[str, str] | None, names: Sequence[str]) -> list[str]:
+    """Those of ``names`` that a mark names in its ``files`` and that ``folder`` has not, or with another content."""
+    told = {} if files is None else files
+    return [
+        name
+        for name in names
+        if name in told and not ((folder / name).is_file() and fingerprint(folder / name) == told[name])
+    ]
+
+
 def _put(staging: Staging, name: str, content: Content) -> None:
     if callable(content):
         content(staging.path(name))

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from ..physics.errors import InputError
 from .interruption import uninterrupted
-from .parts import new_part, remove, stale
+from .parts import half_placed, new_part, note_order, remove, stale
 
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
@@ -46,6 +46,8 @@ class Staging:
             if (self.folder / name).is_dir():
                 raise IsADirectoryError(None, "a folder of that name is in the way", str(self.folder / name))
         with uninterrupted():
+            if len(names) > 1:
+                note_order(self.part, names)
             for name in names[:-1]:
                 self.path(name).replace(self.folder / name)
             for name in without:
@@ -70,6 +72,24 @@ class Staging:
             return False
         flush(self.new.parent)
         return True
+
+
+def completed(folder: Path) -> bool:
+    """Put in place what a killed process had begun to rename into a folder; whether there was such a set."""
+    found = half_placed(folder)
+    if found is None:
+        return False
+    part, names = found
+    try:
+        with uninterrupted():
+            for name in names:
+                if (part / name).exists():
+                    (part / name).replace(folder / name)
+        flush(folder)
+    except OSError as error:
+        raise cannot_write(folder, error) from None
+    remove(part)
+    return True
 
 
 @contextmanager

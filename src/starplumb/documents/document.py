@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, Self, get_args
 
@@ -11,12 +10,16 @@ from annotated_types import Len
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
 from ..io.text.files import show
-from ..io.text.json_node import unique
+from ..io.text.json_node import loaded
 from ..io.text.numbers import MOST_FINITE
 from ..io.text.write import json_text
 from ..physics.errors import EpochError, InputError
 from ..physics.timescales import parse
 
+MOST_VALUES = 1_500_000
+"""Of a document: more than any that is written has."""
+MOST_LISTED = 10_000
+"""So many things that are wrong are looked at."""
 MOST_PROBLEMS = 3
 """So many of the things that are wrong with a document are said."""
 
@@ -87,7 +90,7 @@ class Document(Part):
         """The document of a JSON text.  Raises InputError, one sentence, where it is not such a document."""
         wanted = cls.kind()
         try:
-            given = json.loads(text, object_pairs_hook=unique)
+            given = loaded(text, MOST_VALUES)
         except (ValueError, RecursionError) as error:
             raise InputError(
                 f"{name}: found text that is not JSON ({error}), wanted a {wanted} document"
@@ -116,6 +119,8 @@ class Document(Part):
 
 def _problems(error: ValidationError) -> str:
     """What is wrong, what is missing last: a wrong value says more than a key that is not there."""
+    if error.error_count() > MOST_LISTED:  # each would take a thousand bytes
+        return f"found {error.error_count():,} values that cannot be"
     found = sorted(error.errors(include_url=False), key=lambda detail: detail["type"] == "missing")
     lines = [_problem(detail["loc"], detail["type"], detail["msg"], detail["input"]) for detail in found]
     more = len(lines) - MOST_PROBLEMS

@@ -34,6 +34,7 @@ _CIP_NODES = 6  # a quintic through six half days keeps the CIP to 0.0005 mas
 _CIP_PER_DAY = 2
 
 _WIDTH = 187
+_MOST_BYTES = 50_000_000
 _FLAGS = ((16, "polar motion"), (57, "UT1-UTC"))
 # name: first and last column (from 0, exclusive), rad or s per unit, largest sensible value in the unit
 _COLUMNS = {
@@ -178,6 +179,8 @@ def _version(path: Path) -> tuple[int, int]:
 def _read_finals(path: Path) -> tuple[Int64, Float, Bool]:
     """MJD (n,), values (n, 5) with UT1 - UTC in the third column, and the flag of prediction (n,)."""
     try:
+        if path.stat().st_size > _MOST_BYTES:
+            raise InputError(f"{path}: found {path.stat().st_size:,} bytes, wanted a finals2000A table")
         lines = path.read_bytes().rstrip().splitlines()
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}), wanted a finals2000A table") from error

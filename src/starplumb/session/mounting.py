@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..disk.publish import unlike
 from ..documents.prediction import Prediction, predicted
 from ..documents.result import ResultDocument
 from ..estimators.protocol import Status
@@ -149,6 +150,16 @@ def _document(campaign: Campaign, path: Path) -> ResultDocument:
             f"{path}: mounting: found {found[0]} to {found[1]}, wanted {wanted[0]} to {wanted[1]}"
         )
     return document
+
+
+def require_set(path: Path, document: ResultDocument, names: Sequence[str]) -> None:
+    """Raise InputError where a file beside a result is not the one that was written with it: it was changed, or lost,
+    or a command was killed while it put its files in place."""
+    for name in unlike(path.parent, document.files, names):
+        state = "changed since" if (path.parent / name).is_file() else "no longer beside it"
+        raise InputError(
+            f"{path}: found {name} {state}, wanted the files of one calibration; calibrate again"
+        )
 
 
 def _of_document(document: ResultDocument, path: Path) -> Mounting:

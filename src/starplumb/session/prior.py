@@ -8,14 +8,18 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ..documents.normals import NormalsDocument
+from ..documents.result import ResultDocument
 from ..io.tables.read import read_table
 from ..io.text.files import fingerprint, read_text
 from ..judge.calibrate import Calibration
 from ..judge.files.evidence import listed
 from ..physics.errors import InputError
 from .campaign import Campaign
-from .mounting import known_before
+from .mounting import known_before, require_set
 from .result import Result
+
+BESIDE = ("residuals.csv", "normals.json")
+"""Files beside a result by which landmarks are known that were used already."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +66,8 @@ def with_prior(campaign: Campaign, result: Result | str | Path) -> tuple[Campaig
         prior, inputs = Prior("the prior", _landmarks_of(result)), {}
     else:
         path = Path(result)
+        document = ResultDocument.from_json(read_text(path), str(path))
+        require_set(path, document, [name for name in BESIDE if path.with_name(name).is_file()])
         prior, inputs = Prior(f"the prior {path}", _landmarks_beside(path)), {str(path): fingerprint(path)}
     _require_other_sightings(campaign, made_from, prior.name)
     known = replace(

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import gzip
-import os
-from collections.abc import Iterator
 from hashlib import sha256
 from pathlib import Path
 
-from ...physics.errors import InputError
+from ...disk.staging import staged
 
 MOST_BYTES = 1_000_000_000
 """Of one kept file."""
@@ -49,20 +47,9 @@ def copy(source: Path, target: Path, digest: str) -> bool:
 
 
 def _write(place: Path, data: bytes) -> None:
-    beside = place.with_name(f".{place.name}.{os.getpid()}.part")
-    try:
-        place.parent.mkdir(parents=True, exist_ok=True)
-        with beside.open("wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        beside.replace(place)
-    except OSError as error:
-        raise InputError(
-            f"{place.parent}: found no way to write there ({error.strerror}), wanted room for the campaign's files"
-        ) from None
-    finally:
-        beside.unlink(missing_ok=True)
+    with staged(place.parent) as staging:
+        staging.write(place.name, [data])
+        staging.commit([place.name])
 
 
 def kept(archive: Path, digest: str) -> bytes | None:
@@ -73,8 +60,3 @@ def kept(archive: Path, digest: str) -> bytes | None:
     except (OSError, EOFError, ValueError):
         return None
     return data if f"sha256:{sha256(data).hexdigest()}" == digest else None
-
-
-def strangers(archive: Path) -> Iterator[Path]:
-    """Files in the folder of an archive that a killed process left half written."""
-    yield from folder_of(archive).glob("*/.*.part")

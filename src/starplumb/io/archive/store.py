@@ -15,6 +15,7 @@ from pathlib import Path
 from time import monotonic, sleep
 from typing import TypeVar
 
+from ...disk.staging import cannot_write, flush, staged
 from ...physics.errors import InputError
 from ..text.files import show
 from .schema import APPLICATION_ID, EDITION, statements
@@ -52,29 +53,25 @@ def create(path: Path, satellite: str) -> None:
     Raises InputError where there is a file already, or none can be.
     """
     require_local(path)
-    beside = path.with_name(f".{path.name}.{os.getpid()}.part")
+    there = f"{path}: found a file there, wanted a new name: an archive is never overwritten"
+    if path.exists() or path.is_symlink():
+        raise InputError(there)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        if path.exists():
-            raise InputError(
-                f"{path}: found a file there, wanted a new name: an archive is never overwritten"
-            )
+    except OSError as error:
+        raise cannot_write(path, error) from None
+    with staged(path.parent, place=path) as staging:
+        beside = staging.path(path.name)
         with _connected(beside, path) as database:
             database.executescript(statements())
             database.execute("INSERT INTO meta VALUES('satellite', ?)", (satellite,))
             database.execute("PRAGMA journal_mode=WAL")  # stays so: two who open it need not agree on that
-        os.link(beside, path)  # fails where another process was quicker
-    except FileExistsError:
-        raise InputError(
-            f"{path}: found a file there, wanted a new name: an archive is never overwritten"
-        ) from None
-    except OSError as error:
-        raise InputError(
-            f"{path}: found no way to write there ({error.strerror}), wanted a folder that can be written"
-        ) from None
-    finally:
-        for end in ("", "-wal", "-shm", "-journal"):
-            Path(f"{beside}{end}").unlink(missing_ok=True)
+        flush(beside)
+        try:
+            os.link(beside, path)
+        except FileExistsError:  # another process was quicker
+            raise InputError(there) from None
+        flush(path.parent)
 
 
 @contextmanager

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from ...disk.parts import half_placed
 from ...physics.errors import InputError
 from ..tables.read import Frame, TableSource
 from ..text.files import fingerprint, nearest, show
@@ -45,12 +46,24 @@ def read_settings(settings: Path | Mapping[str, Any], tables: Mapping[str, objec
         digest = {"settings": "sha256:" + hashlib.sha256(text.encode()).hexdigest()}
         read = Settings("settings", document, Path(), digest, {})
     else:
-        digest = {"campaign.toml": fingerprint(settings)} if settings.is_file() else {}
-        read = Settings(str(settings), read_toml(settings), settings.parent, digest, {})
+        _require_whole(settings)
+        document = read_toml(settings)
+        digest = {"campaign.toml": fingerprint(settings)}
+        read = Settings(str(settings), document, settings.parent, digest, {})
     for name, data in (tables or {}).items():
         if data is not None:
             _take(read, name, data)
     return read
+
+
+def _require_whole(path: Path) -> None:
+    """Raise InputError where some files beside a campaign are of another state than it."""
+    begun = half_placed(path.parent)
+    if begun is not None and path.name in begun[1]:
+        raise InputError(
+            f"{path}: found files that a killed command had begun to put in place, wanted all of them; run the same "
+            "command again"
+        )
 
 
 def _take(read: Settings, name: str, data: object) -> None:

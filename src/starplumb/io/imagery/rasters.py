@@ -19,6 +19,8 @@ Array = NDArray[np.float64]
 Affine = tuple[float, float, float, float, float, float]
 """x = a c + b r + c0, y = d c + e r + f0 of the centre of the cell in column c and row r: (a, b, c0, d, e, f0)."""
 
+MOST_PNG = 1_000_000_000
+"""Bytes of a PNG's pixels."""
 _GREY = {"1", "L", "I;16", "I;16B", "I", "LA", "RGB", "RGBA"}
 
 
@@ -63,6 +65,7 @@ class PngPixels:
                 if image.mode not in _GREY:
                     found = f"found a PNG of mode {image.mode}"
                     raise InputError(f"{self.path}: {found}, wanted grey values of 8 or 16 bit")
+                _require_room(self.path, image)
                 values = np.asarray(image)
         except (UnidentifiedImageError, OSError, SyntaxError, ValueError) as error:
             said = " ".join(str(error).split())
@@ -140,6 +143,14 @@ def open_pixels(path: Path, band: int) -> Pixels:
     dataset = open_raster(path)
     _require_band(path, band, int(dataset.count))
     return GdalPixels(path, band, dataset)
+
+
+def _require_room(path: Path, image: Any) -> None:
+    """Raise InputError for a PNG that would take too much memory: it cannot be read in parts."""
+    columns, rows = image.size
+    if columns * rows * (4 if image.mode in ("I", "RGBA", "RGB") else 2) > MOST_PNG:
+        found = f"found a PNG of {columns} x {rows} pixels, which cannot be read in parts"
+        raise InputError(f"{path}: {found}, wanted a GeoTIFF or the like (extra gis) of this size")
 
 
 def _require_band(path: Path, band: int, count: int) -> None:

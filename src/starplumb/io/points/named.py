@@ -10,7 +10,7 @@ from typing import Any
 from ...physics.errors import InputError
 from ..tables.read import read_table
 from ..text.files import lines_of, read_text, show
-from ..text.json_node import unique
+from ..text.json_node import MOST_VALUES, unique
 from .from_rows import from_rows
 from .ground_points import GroundPoints, Row
 from .layouts import LAYOUTS, RASTERIO, Layout, layout_of
@@ -54,6 +54,8 @@ def _features(path: Path) -> tuple[list[Any], str]:
 def _documents(path: Path) -> list[dict[str, Any]]:
     """The objects that stand one after another in a file, at least one."""
     text, decoder = read_text(path), json.JSONDecoder(object_pairs_hook=unique)
+    if text.count(",") + text.count("[") + text.count("{") > MOST_VALUES:
+        raise InputError(f"{path}: found more than {MOST_VALUES:,} values, wanted fewer points")
     found: list[Any] = []
     at = _past_blanks(text, 0)
     try:

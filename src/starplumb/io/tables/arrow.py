@@ -24,8 +24,10 @@ from .schema import Schema
 
 _PIECE = 1 << 18
 """Bytes of a CSV file that are read at a time; PyArrow reads some thirty such pieces ahead."""
-_NEED_CARE = (b'"', b"\0")
-"""The two parsers of CSV read quotes differently, and NUL is no text."""
+MOST_BYTES, MOST_TIMES = 400_000_000, 20
+"""What a Parquet file may unpack to: so much, or so many times its size."""
+_NEED_CARE = (b"\0", b'"')
+"""NUL is no text, and the two parsers of CSV read quotes differently."""
 _INDEX = re.compile(r"__index_level_\d+__")
 """The name that pandas gives the unnamed index of a data frame when it becomes a column."""
 _BEGINNINGS = {
@@ -171,7 +173,9 @@ def read_binary(path: Path, kind: str) -> Any:
         if kind == "Parquet":
             from pyarrow import parquet
 
-            table = parquet.ParquetFile(path).read()
+            whole = parquet.ParquetFile(path)
+            _require_fewer(path, whole.metadata)
+            table = whole.read()
         else:
             with pa.memory_map(str(path)) as file:
                 table = (pa.ipc.open_file(file) if kind == "Arrow" else pa.ipc.open_stream(file)).read_all()
@@ -181,6 +185,19 @@ def read_binary(path: Path, kind: str) -> Any:
     except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
         reason = show(str(error))[1:-1]
         raise InputError(f"{path}: found a damaged {kind} file ({reason}), wanted a whole one") from None
+
+
+def _require_fewer(path: Path, metadata: Any) -> None:
+    """Raise InputError where a file of a few bytes declares more cells than its bytes can be of."""
+    size = sum(
+        metadata.row_group(i).column(j).total_uncompressed_size
+        for i in range(metadata.num_row_groups)
+        for j in range(metadata.num_columns)
+    )
+    cells = metadata.num_rows * metadata.num_columns
+    if max(8 * cells, size) > max(MOST_BYTES, MOST_TIMES * path.stat().st_size):
+        found = f"found {metadata.num_rows:,} rows of {metadata.num_columns} columns in {path.stat().st_size:,} bytes"
+        raise InputError(f"{path}: {found}, wanted a table that is no larger than it says")
 
 
 def table_of(name: str, data: object) -> Any:

@@ -23,11 +23,13 @@ from .cells import Array, Columns, none_kept, to_numbers, to_texts
 from .schema import Schema
 
 _BLOCK = 1 << 10
+MOST_TABLE = 1_000_000_000
+"""Bytes of a table that is read as a whole; a larger one that holds nothing unusual PyArrow reads in pieces."""
 
 
 def read_rows(path: Path, schema: Schema) -> Columns:
     """The columns of a file. Raises InputError naming the file and, where there is one, the row and column."""
-    lines = CsvLines(path, StringIO(read_text(path), newline=""), schema.separator)
+    lines = CsvLines(path, StringIO(read_text(path, MOST_TABLE, None), newline=""), schema.separator)
     header = lines.header(schema)
     place = {name: i for i, name in enumerate(header)}
     numbers: dict[str, list[Array]] = {name: [] for name in schema.numbers_in(header)}

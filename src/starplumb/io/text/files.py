@@ -16,6 +16,10 @@ from ...disk.publish import fingerprint as fingerprint
 from ...physics.errors import InputError
 from .packed import beginning, is_packed, unpacked
 
+MOST_TEXT = 100_000_000
+"""Bytes of a file that is read as a whole: an attitude of ten samples a second fills a day with fewer."""
+MOST_LINES = 3_000_000
+"""Of such a file: every line takes some hundred bytes more than its letters."""
 _SHOWN = 60
 _HEAD = 1 << 16
 """Bytes by which a format is known; the comments before its first word are shorter."""
@@ -82,14 +86,17 @@ def _no_file(path: Path) -> str | None:
     return kinds.get(stat.S_IFMT(mode), "a device")
 
 
-def read_bytes(path: Path) -> bytes:
+def read_bytes(path: Path, most: int = MOST_TEXT) -> bytes:
     """Content of a file, unpacked where it is packed.
 
-    Raises InputError where it is missing, a folder, unreadable, empty or damaged.
+    Raises InputError where it is missing, a folder, unreadable, empty, damaged, or larger than ``most`` bytes.
     """
     if (found := trouble(path)) is not None:
         raise InputError(f"{path}: {found}")
-    data = unpacked(str(path), path.read_bytes())
+    size = path.stat().st_size
+    if size > most:
+        raise InputError(f"{path}: found {size:,} bytes, wanted at most {most:,}")
+    data = unpacked(str(path), path.read_bytes(), most)
     if not data.strip():
         raise InputError(f"{path}: found an empty file, wanted one with content")
     return data
@@ -120,12 +127,15 @@ def unpacked_file(path: Path) -> Iterator[Path]:
         yield copy
 
 
-def read_text(path: Path) -> str:
+def read_text(path: Path, most: int = MOST_TEXT, most_lines: int | None = MOST_LINES) -> str:
     """Text of a UTF-8 file, a byte-order mark taken off, line ends as they are.
 
-    Raises InputError as ``read_bytes`` does, and for UTF-16, NUL and bytes that are not UTF-8.
+    Raises InputError as ``read_bytes`` does, for more than ``most_lines``, and for UTF-16, NUL and bytes that are not
+    UTF-8.
     """
-    data = read_bytes(path)
+    data = read_bytes(path, most)
+    if most_lines is not None and max(data.count(b"\n"), data.count(b"\r")) > most_lines:
+        raise InputError(f"{path}: found more than {most_lines:,} lines, wanted fewer")
     if (encoding := _wide_encoding(data)) is not None:
         raise InputError(f"{path}: found {encoding} text, wanted UTF-8")
     if (at := data.find(0)) >= 0:

@@ -16,6 +16,8 @@ from .files import show
 from .numbers import finite_float
 
 Array = NDArray[np.float64]
+MOST_VALUES = 3_000_000
+"""Of a JSON file."""
 
 
 def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
@@ -26,6 +28,14 @@ def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
             raise ValueError(f"the key {show(key)} stands twice in one object")
         found[key] = value
     return found
+
+
+def loaded(text: str, most: int = MOST_VALUES) -> Any:
+    """What a JSON text is.  Raises ValueError for what is none, a key that stands twice, and more than ``most`` values:
+    each takes a hundred bytes."""
+    if text.count(",") + text.count("[") + text.count("{") > most:
+        raise ValueError(f"more than {most:,} values")
+    return json.loads(text, object_pairs_hook=unique)
 
 
 @dataclass(frozen=True)
@@ -40,7 +50,7 @@ class JsonNode:
     def of(cls, path: Path, text: str) -> JsonNode:
         """The object that a text is. Raises InputError."""
         try:
-            value = json.loads(text, object_pairs_hook=unique)
+            value = loaded(text)
         except (ValueError, RecursionError) as error:
             reason = " ".join(str(error).split())
             raise InputError(f"{path}: found text that is not JSON ({reason}), wanted an object") from None

@@ -10,8 +10,6 @@ from collections.abc import Iterator
 
 from ...physics.errors import InputError
 
-MOST_BYTES = 200_000_000
-"""Text of more than this is none that an orbit or the metadata of an image need."""
 _GZIP, _COMPRESS = b"\x1f\x8b", b"\x1f\x9d"
 _CLEAR = 256
 _FIRST_BITS = 9
@@ -22,7 +20,7 @@ def is_packed(data: bytes) -> bool:
     return data.startswith((_GZIP, _COMPRESS))
 
 
-def unpacked(name: str, data: bytes, most: int = MOST_BYTES) -> bytes:
+def unpacked(name: str, data: bytes, most: int) -> bytes:
     """What the file ``name`` holds, unpacked where it is packed.
 
     Raises InputError where it is damaged, or grows beyond ``most`` bytes.

@@ -12,7 +12,8 @@ from xml.etree.ElementTree import Element, SubElement
 
 from ...physics.errors import InputError
 from .files import lines_of, read_text, show
-from .tree import MAX_BYTES, Node
+from .tree import Node
+from .xml_tree import MOST_ELEMENTS
 
 _TOKEN = re.compile(
     r"""\s*+(?:
@@ -32,10 +33,8 @@ def read_pvl(path: Path) -> Node:
     Raises InputError naming the line where the text is not of that form, or that it ends before ``END;``.
     """
     text = read_text(path)
-    if len(text) > MAX_BYTES:
-        raise InputError(
-            f"{path}: found {len(text)} characters, wanted the metadata of an image, at most {MAX_BYTES}"
-        )
+    if text.count("=") + text.count("(") > MOST_ELEMENTS:
+        raise InputError(f"{path}: found more than {MOST_ELEMENTS:,} values, wanted the metadata of an image")
     root = Element(path.suffix[1:].upper() or "PVL")
     open_groups = [root]
     at = 0

@@ -15,12 +15,14 @@ from ...physics.errors import InputError
 from .files import read_text
 from .sections import Section, complaints
 
+MOST_TOML = 4_000_000
+"""Bytes: a thousand times a campaign that somebody writes."""
 _SectionT = TypeVar("_SectionT", bound=Section)
 
 
 def read_toml(path: Path) -> dict[str, Any]:
     """The document as a dictionary. Raises InputError with the line where it is not TOML."""
-    text = read_text(path)
+    text = read_text(path, MOST_TOML)
     try:
         return tomllib.loads(text)
     except (ValueError, RecursionError) as error:

@@ -23,9 +23,6 @@ from .xml_tree import parse_xml
 Array = NDArray[np.float64]
 Epochs = NDArray[np.int64]
 
-MAX_BYTES = 200_000_000
-"""Metadata of an image are a few megabytes; a hundred times that is a mistake."""
-
 
 @dataclass(frozen=True)
 class Node:
@@ -161,9 +158,4 @@ def read_xml(path: Path) -> Node:
 
     Raises InputError for a file that is missing, too large, not well formed or has a DOCTYPE.
     """
-    data = read_bytes(path)
-    if len(data) > MAX_BYTES:
-        raise InputError(
-            f"{path}: found {len(data)} bytes, wanted the metadata of an image, at most {MAX_BYTES}"
-        )
-    return Node(path, parse_xml(str(path), data))
+    return Node(path, parse_xml(str(path), read_bytes(path)))

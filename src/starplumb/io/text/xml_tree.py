@@ -14,6 +14,9 @@ from xml.parsers import expat
 
 from ...physics.errors import InputError
 
+MOST_ELEMENTS = 3_000_000
+"""Of a file that is read as a tree: each takes some 200 bytes."""
+
 
 class XmlElement(Element):
     """An element and the ``line`` of the file on which it starts, counted from 1."""
@@ -29,8 +32,11 @@ class XmlElement(Element):
 def parse_xml(name: str, data: bytes) -> XmlElement:
     """The root element of the file ``name``, in whatever encoding it declares.
 
-    Raises InputError, with the line, for what is not well formed, has a DOCTYPE or cannot be decoded.
+    Raises InputError, with the line, for what is not well formed, has a DOCTYPE or cannot be decoded, and for more than
+    :data:`MOST_ELEMENTS`.
     """
+    if data.count(b"<") > 2 * MOST_ELEMENTS or data.count(b"=") > 2 * MOST_ELEMENTS:
+        raise InputError(f"{name}: found more than {MOST_ELEMENTS:,} elements, wanted fewer")
     parser = expat.ParserCreate()
     builder = TreeBuilder(element_factory=XmlElement)
     make = cast("Callable[[str, dict[str, str]], XmlElement]", builder.start)

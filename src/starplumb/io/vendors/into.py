@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ...disk.staging import completed
 from ...physics.camera import LineScanCamera
 from ...physics.errors import InputError
 from ...physics.units import ARCSEC
@@ -32,6 +33,10 @@ def import_into(
     Raises InputError for anything unusable; nothing is written then.
     """
     path = folder / "campaign.toml"
+    if completed(folder):
+        return [
+            f"{path}: completed the import that was killed while its files were put in place; no other was added"
+        ]
     loaded = load_campaign(path)
     _require_plain(path, loaded)
     notices: list[str] = []

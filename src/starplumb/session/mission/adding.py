@@ -20,6 +20,7 @@ from ...physics import so3
 from ...physics.errors import InputError
 from ...physics.timescales import parse
 from ...physics.units import ARCSEC, DEG
+from ..mounting import require_set
 from ..result import Result
 
 SAME_ARCSEC = 1e-3
@@ -69,6 +70,8 @@ def _within(folder: Path) -> Path:
 def _of_result(path: Path, satellite: str | None, default: str) -> Coming:
     text, beside = read_text(path), path.with_name("normals.json")
     document = ResultDocument.from_json(text, str(path))
+    if document.usable:
+        require_set(path, document, ["normals.json"])
     normals = None
     if document.usable and beside.is_file():
         normals = NormalsDocument.from_json(read_text(beside), str(beside))

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from ... import __version__
+from ...disk.publish import unlike
 from ...documents.result import ResultDocument
 from ...io.text.files import fingerprint, read_text
 from ...physics.errors import AlignmentFailed, InputError, StarplumbError
@@ -104,7 +105,8 @@ def _there(path: Path, place: Path, asked: Asked) -> ResultDocument | None:
         return None
     wanted = {"method": asked.method, "estimate": [], "drift": "none"}
     ours = found.software.get("starplumb") == __version__
-    return found if same and ours and found.inputs and options_of(found) == wanted else None
+    whole = not unlike(place, found.files, list(found.files or ()))
+    return found if same and whole and ours and found.inputs and options_of(found) == wanted else None
 
 
 def places_of(campaigns: Sequence[Path], out: Path | None) -> tuple[Path, ...]:
