@@ -12,8 +12,8 @@ from command import demo, starplumb
 from starplumb.documents.result import ResultDocument
 from starplumb.estimators.gls import Gls
 from starplumb.estimators.protocol import Status
+from starplumb.judge.accuracy.requirement import met, requirement
 from starplumb.judge.calibrate import calibrate
-from starplumb.judge.requirement import met, requirement
 from starplumb.physics.errors import InputError
 from starplumb.physics.units import ARCSEC
 from starplumb.plan import demo as drawn

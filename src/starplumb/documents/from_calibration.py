@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from .. import __version__
 from ..estimators.protocol import ParameterVector, Status
+from ..judge.accuracy.requirement import Met
 from ..judge.calibrate import Calibration
 from ..judge.conventions.rests_on import RestsOn
 from ..judge.error_shares import shares
 from ..judge.parameters.separability import known, of_camera
-from ..judge.requirement import Met
 from ..judge.residuals import Accuracy, rms
 from ..physics import so3
 from ..physics.timescales import format_iso

@@ -11,4 +11,8 @@ def numbers(values: Any) -> Any:
     """Nested lists of floats; a number that is not finite becomes None, which JSON can say."""
     array = np.asarray(values, dtype=np.float64)
     finite = np.isfinite(array)
-    return (array if finite.all() else np.where(finite, array.astype(object), None)).tolist()
+    if finite.all():
+        return array.tolist()
+    said = array.astype(object)
+    said[~finite] = None
+    return said.tolist()

@@ -11,9 +11,9 @@ from ..estimators import BEARS, METHODS, methods
 from ..estimators.cameras.jointly import Jointly
 from ..estimators.protocol import Estimator
 from ..io.text.files import nearest
+from ..judge.accuracy.requirement import requirement as asked
 from ..judge.motion.asked import columns_asked
 from ..judge.motion.estimated import calibrate_moving as run
-from ..judge.requirement import requirement as asked
 from ..physics.errors import AlignmentFailed, ArgumentError
 from ..physics.units import DEG
 from ..table.campaign import Campaign as Physics

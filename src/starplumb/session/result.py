@@ -16,10 +16,10 @@ from ..documents.from_calibration import RESULT_SCHEMA, requirement_document, re
 from ..estimators.protocol import Status
 from ..io.campaign.read import LoadedCampaign
 from ..io.results.residual_table import residual_columns, residual_names
+from ..judge.accuracy.requirement import Met, Requirement, met
 from ..judge.calibrate import Calibration
 from ..judge.consistency import IMPLAUSIBLE_P
 from ..judge.parameters.separability import known, of_camera
-from ..judge.requirement import Met, Requirement, met
 from ..judge.trust import NORMAL_95
 from ..physics import so3
 from ..physics.errors import AlignmentFailed

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from ..physics.errors import ArgumentError
-from ..physics.units import ARCSEC
+from ...physics.errors import ArgumentError
+from ...physics.units import ARCSEC
 
 if TYPE_CHECKING:
-    from .calibrate import Calibration
+    from ..calibrate import Calibration
 
 Measure = Literal["CE90", "rms", "interval"]
 _FORM = re.compile(r"\s*(\d+(?:\.\d*)?|\.\d+)\s*(m|km|arcsec)\s*(CE90|rms|rmse)?\s*", re.IGNORECASE)
