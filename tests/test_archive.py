@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import sqlite3
 from contextlib import closing
@@ -149,6 +150,14 @@ def test_archives_are_united_whatever_the_order(tmp_path, parts):
     assert one.verify()["not_kept"] == {}
 
 
+def test_an_archive_is_not_united_with_itself(tmp_path):
+    archive = sp.open_archive(tmp_path / "m.db", create=True)
+    (tmp_path / "link.db").symlink_to(tmp_path / "m.db")
+    for other in ("m.db", "link.db"):
+        with pytest.raises(InputError, match=rf"{other}: found the archive itself"):
+            archive.merge(tmp_path / other)
+
+
 @pytest.mark.slow
 def test_archives_that_contradict_each_other_are_not_united(tmp_path, parts):
     one, two = archive_of(tmp_path, parts["b"]), archive_of(tmp_path, parts["all"], name="two.db")
@@ -206,6 +215,7 @@ def foreign_database(path):
     [
         (lambda path: None, "found no such file, wanted an archive"),
         (lambda path: path.mkdir(), "found a folder, wanted an archive"),
+        (os.mkfifo, "found a pipe, wanted an archive"),
         (lambda path: path.write_text("no database at all " * 9), "found a file that SQLite cannot read"),
         (
             lambda path: foreign_database(path),

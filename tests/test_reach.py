@@ -14,6 +14,7 @@ import pytest
 from bad_cases import AEM, OEM
 from helpers import FILES, write_good_campaign
 from starplumb.io.campaign.read import load_campaign
+from starplumb.io.campaign.write import write_campaign
 from test_stk import EPHEMERIS
 
 _seen: list[tuple[str, str]] | None = None
@@ -136,6 +137,40 @@ def test_the_parts_of_a_raster_and_of_a_shapefile_have_their_digests(tmp_path, o
     parts = {f"marks{end}" for end in (".shp", ".shx", ".dbf", ".prj", ".cpg")} | {"dem.asc", "dem.prj"}
     assert parts <= set(loaded.inputs)
     assert names(opened, tmp_path) <= set(loaded.inputs)
+
+
+@pytest.mark.slow
+def test_measuring_opens_what_the_campaign_names_and_all_of_it_has_its_digest(tmp_path, opened):
+    sys.path.insert(0, str(Path(__file__).parent / "imagery"))
+    from on_disk import write_world
+
+    import starplumb as sp
+
+    write_world(tmp_path, np.random.default_rng(11), size=120)
+    (tmp_path / "more.csv").write_text("1")
+    opened.clear()
+    found = sp.measure(tmp_path / "campaign.toml")
+    assert names(opened, tmp_path) == set(found.loaded.inputs)
+    assert {"ortho_0.png", "ortho_1.pgw", "dem.asc"} <= set(found.loaded.inputs)
+
+
+def test_an_archive_a_prediction_and_a_prior_open_a_result_and_what_is_beside_it(tmp_path, opened):
+    import starplumb as sp
+
+    write_campaign(tmp_path / "demo", sp.demo(images=3).loaded.campaign)
+    sp.calibrate(sp.read_campaign(tmp_path / "demo" / "campaign.toml"), method="gls").save(
+        tmp_path / "demo" / "result", report=False
+    )
+    archive = sp.open_archive(tmp_path / "m.db", create=True)
+    result, parts = "demo/result/result.json", {"demo/result/normals.json", "demo/result/residuals.csv"}
+    opened.clear()
+    sp.predict(tmp_path / result, at="2026-03-21T00:00:00")
+    assert names(opened, tmp_path) == {result}
+    opened.clear()
+    archive.add(tmp_path / "demo" / "result")
+    seen = {name for name in names(opened, tmp_path) if not name.startswith((".starplumb-", "m.db.files"))}
+    tables = {f"demo/{name}" for name in sp.read_campaign(tmp_path / "demo" / "campaign.toml").loaded.inputs}
+    assert seen - {"."} <= {result, *parts, *tables}
 
 
 def test_the_hook_sees_what_it_should(tmp_path, opened):

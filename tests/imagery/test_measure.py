@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,6 +16,8 @@ import starplumb as sp
 from command import starplumb
 from starplumb.documents.imagery.measure import MeasureDocument
 from starplumb.io.campaign.read import load_images
+from starplumb.io.imagery.config import ImageryConfig
+from starplumb.io.imagery.scene import raw_paths
 from starplumb.physics import so3
 from starplumb.physics.units import ARCSEC
 
@@ -39,6 +42,15 @@ def changed(folder, old, new):
     text = path.read_text()
     assert old in text
     path.write_text(text.replace(old, new))
+
+
+@pytest.mark.parametrize("name", ["../../x", "/etc/x", "a/../../x"])
+def test_an_image_id_leads_out_of_no_folder(folder, name):
+    campaign = load_images(folder / "campaign.toml").campaign
+    named = replace(campaign, images=replace(campaign.images, ids=(name,)))
+    imagery = ImageryConfig(files="raw/{image_id}.png")
+    with pytest.raises(sp.InputError, match="wanted ids that lead out of no folder"):
+        raw_paths(named, folder, imagery)
 
 
 @pytest.mark.slow

@@ -17,7 +17,7 @@ from typing import TypeVar
 
 from ...disk.staging import cannot_write, flush, staged
 from ...physics.errors import InputError
-from ..text.files import show
+from ..text.files import show, trouble
 from .schema import APPLICATION_ID, EDITION, statements
 
 WAIT_S, PAUSE_S = 60.0, 0.02
@@ -78,7 +78,10 @@ def create(path: Path, satellite: str) -> None:
 def opened(path: Path) -> Iterator[sqlite3.Connection]:
     """The database of an archive.  Raises InputError, one sentence, where the file is none or cannot be used."""
     if not path.is_file():
-        what = "a folder" if path.is_dir() else "no such file"
+        if path.exists() and (found := trouble(path)) is not None:
+            what = found.partition(", wanted")[0]
+            raise InputError(f"{path}: {what}, wanted an archive")
+        what = "no such file"
         raise InputError(f"{path}: found {what}, wanted an archive; starplumb archive init {path} makes one")
     require_local(path)
     with _connected(path, path) as database, _whole(path):

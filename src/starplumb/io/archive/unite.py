@@ -18,6 +18,8 @@ def merge(target: Path, source: Path) -> dict[str, int]:
 
     All or nothing.  Raises InputError where a landmark stands at two places, or sightings would count twice.
     """
+    if source.exists() and target.exists() and source.samefile(target):
+        raise InputError(f"{source}: found the archive itself, wanted another to take campaigns from")
     with opened(source):  # a log that is left there is read in
         pass
     with opened(target) as database:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...physics.errors import InputError
-from ..gis.drivers import open_raster, reading
+from ..gis.drivers import open_raster, parts_of, reading
 from ..text.files import read_text, trouble
 from ..text.numbers import numbers
 
@@ -86,11 +86,8 @@ class PngPixels:
     @property
     def affine(self) -> Affine | None:
         """From a world file: six lines A, D, B, E, C, F of the centre of the first cell."""
-        for ending in (".pgw", ".pngw", ".wld"):
-            place = self.path.with_suffix(ending)
-            if place.is_file():
-                return _world(place)
-        return None
+        place = _world_file(self.path)
+        return None if place is None else _world(place)
 
     @property
     def wkt(self) -> str | None:
@@ -136,9 +133,7 @@ def open_pixels(path: Path, band: int) -> Pixels:
     """A band of a raster, the first is 1.  Raises InputError where the file is none, or has no such band."""
     if (found := trouble(path)) is not None:
         raise InputError(f"{path}: {found}")
-    with path.open("rb") as file:
-        is_png = file.read(8) == b"\x89PNG\r\n\x1a\n"
-    if is_png:
+    if _is_png(path):
         return PngPixels(path, band)
     dataset = open_raster(path)
     _require_band(path, band, int(dataset.count))
@@ -151,6 +146,29 @@ def _require_room(path: Path, image: Any) -> None:
     if columns * rows * (4 if image.mode in ("I", "RGBA", "RGB") else 2) > MOST_PNG:
         found = f"found a PNG of {columns} x {rows} pixels, which cannot be read in parts"
         raise InputError(f"{path}: {found}, wanted a GeoTIFF or the like (extra gis) of this size")
+
+
+def files_of(path: Path) -> list[Path]:
+    """The files that are read of a raster that lies somewhere: it, and what beside it says where.
+
+    Raises InputError where it is none.
+    """
+    if path.suffix.lower() == ".asc":  # read without GDAL, and without what may lie beside it
+        return [path]
+    if not _is_png(path):
+        return parts_of(path)
+    world = _world_file(path)
+    return [path] if world is None else [path, world]
+
+
+def _is_png(path: Path) -> bool:
+    with path.open("rb") as file:
+        return file.read(8) == b"\x89PNG\r\n\x1a\n"
+
+
+def _world_file(path: Path) -> Path | None:
+    places = (path.with_suffix(ending) for ending in (".pgw", ".pngw", ".wld"))
+    return next((place for place in places if place.is_file()), None)
 
 
 def _require_band(path: Path, band: int, count: int) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePath
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,12 @@ Array = NDArray[np.float64]
 
 def raw_paths(campaign: Campaign, folder: Path, imagery: ImageryConfig) -> list[Path]:
     """The file of the raw image of each image."""
+    for name in campaign.images.ids:
+        if PurePath(name).is_absolute() or ".." in PurePath(name).parts:
+            raise InputError(
+                f"{folder}: found the image {show(name)}, whose raw file would be elsewhere than imagery.files says, "
+                "wanted ids that lead out of no folder"
+            )
     return [folder / imagery.files.replace(IMAGE_ID, name) for name in campaign.images.ids]
 
 

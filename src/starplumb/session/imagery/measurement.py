@@ -18,6 +18,7 @@ from ...imagery.scene import Scene
 from ...io.campaign.files import names_of
 from ...io.campaign.read import LoadedImages, load_images
 from ...io.imagery.kept import KeptImages
+from ...io.imagery.rasters import files_of
 from ...io.imagery.scene import open_scene, raw_paths, reference_paths
 from ...io.imagery.tables import Marks, campaign_text
 from ...io.text.files import fingerprint, read_text
@@ -212,9 +213,9 @@ def measure_watched(path: Path, tell: Tell, out: Path | None = None) -> Measurem
     scene = open_scene(str(path), loaded.campaign, loaded.folder, config.imagery, config.reference)
     raws = raw_paths(loaded.campaign, loaded.folder, config.imagery)
     tiles = reference_paths(str(path), loaded.folder, config.reference)
-    further = [*(raw for raw in raws if raw.is_file()), *tiles, loaded.folder / config.reference.dem]
-    if config.reference.geoid is not None:
-        further.append(loaded.folder / config.reference.geoid)
+    grids = [loaded.folder / name for name in (config.reference.dem, config.reference.geoid) if name]
+    placed = [part for path in (*tiles, *grids) for part in files_of(path)]
+    further = [*(raw for raw in raws if raw.is_file()), *placed]
     loaded = replace(
         loaded,
         inputs=loaded.inputs | {_relative(each, loaded.folder): fingerprint(each) for each in further},
