@@ -109,7 +109,7 @@ CASES = (
         ("measure", "world/campaign.toml", "--out", "m", "-q"),
         ("measure", "world/other.toml", "--out", "m", "-q"),
     ),
-    Case("reproduce", (*TABLE, "--trials", "20"), (*TABLE, "--trials", "40")),
+    Case("reproduce", (*TABLE, "--trials", "200"), (*TABLE, "--trials", "300")),
     Case(
         "archive add",
         ("archive", "add", "m.db", "one/result.json", "-q"),

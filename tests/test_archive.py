@@ -232,6 +232,11 @@ def test_what_is_no_archive_is_refused_in_a_sentence(tmp_path, make, sentence, v
     assert done.err.count("\n") == 1
 
 
+def test_a_pipe_is_no_archive_and_is_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    assert not store.is_archive(tmp_path / "pipe")
+
+
 def test_an_archive_is_never_overwritten(tmp_path):
     assert starplumb("archive", "init", tmp_path / "x.db").status == 0
     done = starplumb("archive", "init", tmp_path / "x.db")

@@ -169,6 +169,8 @@ def _sentence(error: sqlite3.Error) -> str:
 
 def is_archive(path: Path) -> bool:
     """Whether a file is an SQLite database."""
+    if not path.is_file():  # a pipe would keep us waiting
+        return False
     try:
         with path.open("rb") as file:
             return file.read(len(_MAGIC)) == _MAGIC
