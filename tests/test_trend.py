@@ -14,7 +14,7 @@ from starplumb.mission import bank as banks
 from starplumb.mission.advice import altitude_m
 from starplumb.mission.bank import Bank
 from starplumb.mission.changes import changes
-from starplumb.mission.points import Points
+from starplumb.mission.points import Points, scatter
 from starplumb.mission.policies import Mission, compared
 from starplumb.mission.trend import YEAR_NS, trend
 from starplumb.physics.errors import InputError
@@ -129,6 +129,23 @@ def test_nothing_is_found_where_nothing_happens(rng):
         found = trend(t_ns, points)
         counts += sum(change.p < 0.01 for change in changes(found)) + len(found.jumps)
     assert counts <= 2
+
+
+def test_a_year_is_found_with_its_amplitude(rng):
+    """Of four years; eight months tell none."""
+    t_ns, points = flown(rng, 4.0 * np.sin(2.0 * np.pi * np.arange(49)[:, None] * 30.0 / 365.25 + np.ones(3)))
+    season = changes(trend(t_ns, points))[0]
+    assert season.kind == "season"
+    np.testing.assert_allclose(season.size_E, 4.0 * ARCSEC, atol=4.0 * SIGMA.max() / np.sqrt(49 / 2))
+    short = flown(rng, np.zeros((20, 3)), gap_days=13.0)
+    assert "season" not in {change.kind for change in changes(trend(*short))}
+
+
+@pytest.mark.parametrize("m", [2, 3])
+def test_two_campaigns_tell_no_scatter(rng, m):
+    sigma, degrees = scatter(flown(rng, np.zeros((m, 3)))[1])
+    assert (sigma is None) == (m == 2)
+    assert degrees == m - 1
 
 
 def test_changes_are_least_squares_of_all_columns(rng):
