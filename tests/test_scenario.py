@@ -510,6 +510,34 @@ def test_shared_errors_are_shared(write, rng):
     assert np.ptp(east, axis=1).max() < 1e-4
 
 
+IN_IMAGES = 'layout = "ring"\non = "image"\ncount = 3\nextent = 0.5'
+SHARED = "[truth.shared]\nerror = 'attitude'\nsigma_arcsec = 3.0\nshared_by = '{}'\n"
+
+
+@pytest.mark.parametrize(("second", "alike"), [("first", True), ("second", False), (None, False)])
+def test_passes_of_one_session_share_its_draw(write, rng, second, alike):
+    path = write(
+        ("yaw_deg = [0.0, 90.0, 0.0]", "yaw_deg = [0.0, 90.0, 0.0]\nsession = 'first'"),
+        ("roll_deg = 8.0", "roll_deg = 8.0" + (f"\nsession = '{second}'" if second else "")),
+        more=SHARED.format("session"),
+    )
+    drawn = source(load_scenario(path), "shared").draw(rng, ())
+    assert np.ptp(drawn[:3], axis=0).max() == 0.0
+    assert bool(np.all(drawn[0] == drawn[3])) is alike
+
+
+@pytest.mark.parametrize("shared_by", ["pass", "session"])
+def test_images_at_times_are_one_pass_where_less_than_half_an_orbit_apart(write, rng, shared_by):
+    """As in a campaign that names no passes; half an orbit is 47 minutes."""
+    changes = [(old, new.replace("[0.0, 20.0]", "[0.0, 20.0, 2600.0, 8000.0]")) for old, new in TIMED]
+    changes.append(("inclination_deg = 97.4", "inclination_deg = 97.4\nnode_deg = 0\nmean_anomaly_deg = 0"))
+    changes.append(('layout = "grid"\ncount = [3, 2]\nextent_km = [12.0, 10.0]', IN_IMAGES))
+    path = write(*changes, more=SHARED.format(shared_by))
+    drawn = source(load_scenario(path), "shared").draw(rng, ())
+    assert np.ptp(drawn[:3], axis=0).max() == 0.0
+    assert np.all(drawn[3] != drawn[0])
+
+
 def test_gauss_markov_error_forgets_itself(write, rng):
     scenario = load_scenario(write(more=EVERY))
     rho = source(scenario, "slow").draw(rng, (20_000,))

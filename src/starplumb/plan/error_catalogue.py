@@ -42,12 +42,14 @@ _GAUSSIAN = Distribution()
 
 @dataclass(frozen=True)
 class Flight:
-    """What error sources need to know of a scene: its table without error, the pass of each image (m,), and, for errors
-    along the axes of the orbit or of inertial space, the campaign (None: a table alone)."""
+    """What error sources need to know of a scene: its table without error, the pass and the session of each image (m,),
+    and, for errors along the axes of the orbit or of inertial space, the campaign (None: a table alone)."""
 
     truth: Observations
     campaign: Campaign | None
     pass_of_image: Index
+    session_of_image: Index | None = None
+    """None: a pass is a session."""
 
     @classmethod
     def of_table(cls, truth: Observations) -> Flight:
@@ -84,6 +86,8 @@ class Flight:
         match shared_by:
             case "image":
                 return np.arange(self.m)
+            case "session" if self.session_of_image is not None:
+                return np.unique(self.session_of_image, return_inverse=True)[1]
             case "pass" | "session":
                 return np.unique(self.pass_of_image, return_inverse=True)[1]
             case "campaign":

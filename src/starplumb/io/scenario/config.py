@@ -152,6 +152,9 @@ class PassConfig(Section):
     direction: Annotated[Literal["ascending", "descending"], choice("ascending", "descending")] = Field(
         default="descending", description='"ascending" or "descending"'
     )
+    session: Text | None = Field(
+        default=None, description="the name of the session it belongs to; left out: one of its own"
+    )
 
     @classmethod
     def rules(cls, given: Mapping[str, Any]) -> Iterator[tuple[str, str]]:

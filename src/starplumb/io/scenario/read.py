@@ -23,6 +23,7 @@ from ...plan import marker_layout as layout
 from ...plan import passes, scene
 from ...plan.error_catalogue import Flight
 from ...plan.scenario import Initial, Scenario
+from ...table import sharing
 from ...table.campaign import Campaign
 from ...table.error_sources import Distribution
 from ...table.geometry import observe
@@ -90,13 +91,14 @@ def build(config: ScenarioConfig, folder: Path) -> Scenario:
     C_EK = np.eye(3) if config.mounting is None else model_mounting(config.mounting)
     camera = _camera(config, folder)
     unmarked, pass_of_image = _fly(config, folder, camera, C_EK, rng)
+    session_of_image = _sessions(config)[pass_of_image]
     campaign = _mark(config, folder, unmarked, rng)
     if campaign.sightings.image.size < 2:
         raise InputError(
             f"markers: found {campaign.sightings.image.size} in the images, wanted two sightings or more "
             "(their extent may pass the frame)"
         )
-    sources = error_sources(config, Flight(observe(campaign), campaign, pass_of_image))
+    sources = error_sources(config, Flight(observe(campaign), campaign, pass_of_image, session_of_image))
     start = config.initial
     initial = Initial(ARCSEC * np.array(start.sigma_arcsec), Distribution(start.distribution), start.stated)
     if initial.stated and not np.all(initial.sigma > 0.0):
@@ -190,7 +192,7 @@ def _fly(
             orbit, orientation, epoch_ns, time, np.stack([roll, pitch], axis=-1), yaw
         )
         campaign = photograph(orbit, epoch_ns, flight)
-        return campaign, np.zeros(time.size, dtype=np.int64)
+        return campaign, sharing.passes(campaign)
     flown = []
     for number, plan in enumerate(config.passes):
         try:
@@ -200,6 +202,14 @@ def _fly(
                 f"passes.{number}: {error} (roll {plan.roll_deg or 0:g}, pitch {plan.pitch_deg})"
             ) from None
     return passes.join(flown)
+
+
+def _sessions(config: ScenarioConfig) -> NDArray[np.int64]:
+    """The session of each pass; of images at times, whose passes nobody lists, each its own."""
+    if config.images.times_s is not None:
+        return np.arange(len(config.images.times_s))
+    named = [(number, "") if p.session is None else (0, p.session) for number, p in enumerate(config.passes)]
+    return sharing.numbered([f"{number} {name}" for number, name in named])
 
 
 _UNSTATED = scene.Sigmas(np.zeros(3), np.zeros(3), np.zeros(3), 1.0)
