@@ -311,6 +311,18 @@ def test_an_estimated_drift_is_predicted_at_any_time_of_the_span(rng):
         assert at.notices == ()
 
 
+@pytest.mark.parametrize("drift", ["auto", "linear"])
+def test_the_sentence_names_the_axis_that_moves_farthest_and_how_far(rng, drift):
+    """40 arcsec about y over the span, 10 about x and z: 20 from the mean, and what is not known of it."""
+    true = truth(FRAME, 30, 10, tilt_deg=15.0, yaw_deg=60.0)
+    e = Errors.draw(observe(true), rng)
+    moved = ARCSEC * np.linspace(-0.5, 0.5, 30)[:, None] * np.array([10.0, 40.0, 10.0])
+    campaign = scene.measured(true, replace(e, alpha_E=e.alpha_E + moved), C_EK_TRUE)
+    said = calibrate_moving(campaign, Gls(), drift).sentences
+    (size,) = (re.search(r"up to (\d+) arcsec about y", s) for s in said if "probability" in s)
+    assert 18 < int(size[1]) < 32
+
+
 def test_the_error_of_a_prediction_grows_outside_the_span_and_is_said(rng):
     """By hand: images evenly over the span leave of a steady change twelve times the variance of their mean, so that
     one span later the variance is 1 + 12 times as large; a motion that is estimated grows by itself."""
