@@ -1,4 +1,5 @@
-"""CPU seconds to start: a bare import of typer and rich, ``import starplumb``, ``starplumb --help``, a small campaign.
+"""CPU seconds to start: a bare import of typer and rich, ``import starplumb``, ``starplumb --help``, a small campaign
+without and with its report.
 
     python benchmarks/start.py [--rounds 5] [--src OTHER/src ...]
 
@@ -46,6 +47,7 @@ def main() -> None:
         "import starplumb": "import starplumb",
         "starplumb --help": command("--help"),
         "starplumb calibrate --no-report": command("calibrate", "demo/campaign.toml", "--no-report"),
+        "starplumb calibrate": command("calibrate", "demo/campaign.toml"),
     }
     with tempfile.TemporaryDirectory() as name:
         folders = {source: Path(name) / str(k) for k, source in enumerate((HERE, *options.src))}
