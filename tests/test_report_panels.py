@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+import shutil
+import subprocess
 from dataclasses import replace
 
 import numpy as np
@@ -17,6 +20,7 @@ from starplumb.physics.units import ARCSEC, DEG
 from starplumb.plan.demo import demo
 from starplumb.report.calibration.facts import camera_words, facts, in_the_camera, pixel_rad
 from starplumb.report.calibration.fit_figures import image_panels, normality, own_over_the_field, standardised
+from starplumb.report.calibration.page import calibration_page
 from starplumb.report.calibration.sites import LEAST_DEG, site_map, site_table, sites
 from starplumb.report.charts.chart import Arrows, Boxes, Dots, Line
 from starplumb.report.land import coast, coastlines
@@ -171,3 +175,22 @@ def test_the_worst_images_have_panels_to_one_scale(done):
     assert len({panel.charts[0].key for panel in panels}) == 1
     assert all(panel.charts[0].width == 230.0 for panel in panels)
     assert sum(mark.x.size for panel in panels for mark in panel.charts[0].marks) == 48
+
+
+MEASURE = "<script>document.title = document.documentElement.scrollWidth + ' ' + innerWidth;</script></body>"
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("chromium") is None, reason="no chromium here")
+@pytest.mark.parametrize("width", [500, 1280])
+def test_no_page_is_wider_than_the_window(done, tmp_path, width):
+    """A browser's window is never narrower than 500 px; a phone's is taken from its pictures."""
+    document = result_document(done, "gls", ("camera", "star_tracker"), {}, {})
+    page = re.sub(r'<meta http-equiv="Content-Security-Policy"[^>]*>', "", calibration_page(done, document))
+    path = tmp_path / "page.html"
+    path.write_text(page.replace("</body>", MEASURE), encoding="utf-8")
+    options = ["--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={tmp_path / 'profile'}"]
+    command = ["chromium", *options, f"--window-size={width},900", "--dump-dom", path.as_uri()]
+    shown = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True).stdout
+    needed, window = map(int, re.search(r"<title>(\d+) (\d+)</title>", shown).groups())
+    assert needed <= window

@@ -169,16 +169,19 @@ def calibrate(
         from ..report.pdf import require_printer
 
         require_printer()
-    found = read_campaign(campaign, outside.value)
+    with speak.doing("reading the campaign"):
+        found = read_campaign(campaign, outside.value)
     require_place(out, [MARK[0], *RESULT_FILES], [found.loaded.sources, prior], MARK)
     try:
-        result = run(found, estimate or (), chosen, reach_deg, prior, start, drift, requirement)
+        with speak.doing("solving and judging"):
+            result = run(found, estimate or (), chosen, reach_deg, prior, start, drift, requirement)
     except NotIdentified as refused:
         speak.notices(found.notices)
         refused.save(out)
         raise
     speak.notices(found.notices)
-    result.save(out, report is not False, gpkg, pdf)
+    with speak.doing("writing the result"):
+        result.save(out, report is not False, gpkg, pdf)
     speak.document(result.document)
     advice = [f"next: starplumb diagnose {campaign}"] if result.implausible else []
     speak.shown(result, f"written: {out}", *advice)

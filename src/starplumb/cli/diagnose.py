@@ -35,6 +35,7 @@ def diagnose(
     speak = Output(json, quiet, verbose)
     found = read_campaign(campaign, outside.value)
     speak.notices(found.notices)
-    diagnosis = run(found)
+    with speak.doing("undoing the usual mistakes, one after another"):
+        diagnosis = run(found)
     speak.document(diagnosis.document)
     speak.show(drawn(diagnosis.table(every=verbose)), *diagnosis.sentences)

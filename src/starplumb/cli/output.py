@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
@@ -72,6 +73,17 @@ class Output:
         if not self.quiet:
             for notice in notices:
                 complain(f"note: {notice}")
+
+    @contextmanager
+    def doing(self, words: str) -> Iterator[None]:
+        """What takes a while, said on a terminal's standard error while it lasts, nothing in a pipe."""
+        if self.quiet or not sys.stderr.isatty():
+            yield
+            return
+        from rich.console import Console
+
+        with Console(stderr=True).status(words):
+            yield
 
     def watched(self, items: Iterable[Item], doing: str, total: int) -> Iterable[Item]:
         """The items of long work with a progress bar on a terminal's standard error, none in a pipe."""

@@ -130,7 +130,8 @@ def import_(
     names = [] if image_id is None else [name.strip() for name in image_id.split(",")]
     if into is None:
         folder = products[-1]
-        notices = import_products(products[:-1], folder, wanted, landmarks, observations, names)
+        with speak.doing("reading the products"):
+            notices = import_products(products[:-1], folder, wanted, landmarks, observations, names)
     else:
         if landmarks is not None or observations is not None:
             raise InputError(
