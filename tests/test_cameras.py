@@ -26,7 +26,9 @@ from starplumb.io.campaign.write import write_campaign
 from starplumb.judge.calibrate import calibrate
 from starplumb.judge.mountings import mountings
 from starplumb.physics import so3
+from starplumb.physics.earth import itrf_to_geodetic
 from starplumb.physics.errors import InputError
+from starplumb.physics.timescales import format_iso
 from starplumb.physics.units import ARCSEC, DEG
 from starplumb.plan.scene import measured
 from starplumb.solve import chunks
@@ -339,3 +341,48 @@ def test_what_needs_one_camera_is_refused_in_a_sentence(tmp_path, rng, asked):
     assert done.status == 2
     assert "cameras" in done.err
     assert len(done.err.strip().splitlines()) == 1
+
+
+def test_each_camera_has_its_own_frame_in_the_kernel(tmp_path, rng, clean_pool):
+    spice = pytest.importorskip("spiceypy")
+    given = delivered(rig_truth((FORE, AFT), images=3, markers=4), rng)
+    path = write_campaign(tmp_path, given)
+    text = path.read_text().replace(
+        'name = "C"\n', 'name = "C"\nspice = { name = "SAT_AFT", id = 1400077 }\n'
+    )
+    path.write_text(text)
+    result = sp.calibrate(sp.read_campaign(path))
+    result.save(tmp_path / "result")
+    spice.furnsh(str(tmp_path / "result" / "mounting.tf"))
+    found = mountings(result.calibration)
+    for frame, C in zip(("A", "B", "SAT_AFT"), found.C_EC, strict=True):
+        np.testing.assert_allclose(spice.pxform(frame, "STAR_TRACKER", 0.0), C, atol=1e-12)
+    assert [spice.namfrm(frame) for frame in ("A", "B", "SAT_AFT")] == [1400001, 1400003, 1400077]
+    spice.kclear()
+
+
+def test_a_pixel_is_located_by_the_camera_that_saw_it(tmp_path, rng):
+    """Of the third camera, turned by a quarter: its landmarks lie where its pixels are located, and back."""
+    campaign = rig_truth((FORE, AFT), images=3, markers=6)
+    given = delivered(campaign, rng)
+    path = write_campaign(tmp_path, given)
+    read = sp.read_campaign(path)
+    result = sp.calibrate(read)
+    result.save(tmp_path / "kept", report=False)
+    s = given.sightings
+    row = int(np.flatnonzero(given.rig.of_image[s.image] == 2)[0])
+    p_J, image = given.landmarks.r_J[s.landmark[row]], given.images.ids[s.image[row]]
+    height = itrf_to_geodetic(p_J)[2]
+    for known in (result, tmp_path / "kept" / "result.json"):
+        at = sp.locate(
+            read, known, image=image, column=s.column_px[row], row=s.row_px[row], height_m=float(height)
+        )
+        assert np.linalg.norm(np.array(at.document["itrf_m"]) - p_J) < 60.0  # 5 arcsec from 700 km, 3 sigma
+        assert at.document["sigma_east_north_up_m"] is not None
+    back = sp.project(read, result, itrf_m=at.document["itrf_m"], image=image).document["points"][0]
+    np.testing.assert_allclose(
+        [back["column_px"], back["row_px"]], [s.column_px[row], s.row_px[row]], atol=1e-3
+    )
+    assert sp.predict(result, format_iso(given.images.t_ns[:1], "UTC")[0], camera="C").document["from"] == "C"
+    every = sp.project(read, result).document["points"]
+    assert {point["image_id"] for point in every} == set(given.images.ids)

@@ -10,6 +10,7 @@ from pydantic import AfterValidator, Field, model_validator
 
 from ..estimators.protocol import Status
 from ..physics import so3
+from ..physics.errors import InputError
 from ..physics.units import ARCSEC
 from .document import Document, Files, Finite, Matrix3, MatrixOrNulls3, Number, Numbers3, Part, require_times
 from .motion import MotionPart, OrbitPart, Span
@@ -284,6 +285,17 @@ class ResultDocument(Document):
         if times:
             require_times(times)
         return self
+
+    def of_camera(self, name: str) -> Self:
+        """The result of one of several cameras alone.  Raises InputError where it has no mounting of that name."""
+        for each in self.mountings or ():
+            if each.camera == name:
+                own = ("correction_arcsec", "sigma_arcsec", "covariance_arcsec2", "interval_95_arcsec")
+                return self.model_copy(
+                    update={"mounting": each, "mountings": None} | {key: getattr(each, key) for key in own}
+                )
+        names = ", ".join(each.camera for each in self.mountings or ()) or "none"
+        raise InputError(f"mountings: found {names}, wanted one of the camera {name}")
 
     @property
     def usable(self) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,6 +27,19 @@ class Projected:
     pixel: Array
     covariance_px: Array
     absent: dict[Seen, int]
+
+    @classmethod
+    def joined(cls, parts: Sequence[Projected]) -> Projected:
+        """Those of several, one after another."""
+        if len(parts) == 1:
+            return parts[0]
+        return cls(
+            np.concatenate([part.image for part in parts]),
+            np.concatenate([part.site for part in parts]),
+            np.concatenate([part.pixel for part in parts]),
+            np.concatenate([part.covariance_px for part in parts]),
+            {why: sum(part.absent[why] for part in parts) for why in parts[0].absent},
+        )
 
 
 def projected(

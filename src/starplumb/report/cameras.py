@@ -1,4 +1,4 @@
-"""Several cameras on the terminal: the mounting of each, and of each against the first."""
+"""Several cameras on the terminal and in a report: the mounting of each, and of each against the first."""
 
 from __future__ import annotations
 
@@ -20,6 +20,30 @@ def tables_of_cameras(c: Calibration) -> Iterator[Table]:
     found = mountings(c)
     if found is not None and len(found.names) > 1:
         yield Table("Mountings", ("arcsec about", "x", "y", "z"), list(_rows(found)))
+
+
+def cameras_section(c: Calibration) -> tuple[tuple[str, ...], tuple[()], tuple[Table, ...]]:
+    """Sentences, figures and tables of a report about cameras against each other; nothing for one."""
+    tables, found = tuple(tables_of_cameras(c)), mountings(c)
+    if not tables or found is None:
+        return (), (), ()
+    return tuple(_sentences(found)), (), tables
+
+
+def _sentences(found: Mountings) -> Iterator[str]:
+    """How well each camera is known against the first, and how well by what two calibrations apart would say."""
+    own = found.covariance_of(0)
+    for k, name in enumerate(found.names[1:], start=1):
+        P, both = found.covariance_of(k), found.covariance_against_first(k)
+        if own is None or P is None or both is None:
+            yield f"{name} against {found.names[0]}: not known."
+            continue
+        sigma, apart = np.sqrt(np.diagonal(both)), np.sqrt(np.diagonal(own) + np.diagonal(P))
+        yield (
+            f"{name} against {found.names[0]} is known to {', '.join(f'{x / ARCSEC:.2g}' for x in sigma)} arcsec "
+            f"about the star tracker's x, y, z; the two mountings, taken as independent, would leave "
+            f"{', '.join(f'{x / ARCSEC:.2g}' for x in apart)}: what both cameras share cancels."
+        )
 
 
 def _rows(found: Mountings) -> Iterator[tuple[str, ...]]:

@@ -39,6 +39,8 @@ class Campaign(Shown):
     loaded: LoadedCampaign
     source: str
     path: Path | None = None
+    camera: str | None = None
+    """Of several cameras the one that it is the campaign of; None for all of them, or the only one."""
 
     @classmethod
     @checked
@@ -99,7 +101,7 @@ class Campaign(Shown):
     @property
     def frames(self) -> tuple[str, str]:
         """The names of the camera's and the star tracker's frame; of several cameras those of the first."""
-        return self.loaded.config.first[0], self.loaded.config.tracker
+        return self.camera or self.loaded.config.first[0], self.loaded.config.tracker
 
     @checked
     def require_one_camera(self, what: str) -> None:

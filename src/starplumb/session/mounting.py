@@ -15,6 +15,7 @@ from ..documents.result import ResultDocument
 from ..estimators.protocol import Status
 from ..io.text.files import read_text
 from ..physics.errors import InputError
+from ..table.cameras.views import of_camera
 from .campaign import Campaign
 from .result import Result
 
@@ -41,6 +42,16 @@ class Mounting:
     origin: str
     notices: tuple[str, ...] = ()
     turn_E: Array | None = None
+
+
+def alone(campaign: Campaign, image: int) -> Campaign:
+    """The campaign of the camera that took an image; as it is where there is but one."""
+    data = campaign.loaded.campaign
+    if data.rig is None or not data.several:
+        return campaign
+    k = int(data.rig.of_image[image])
+    loaded = replace(campaign.loaded, campaign=of_camera(data, k))
+    return replace(campaign, loaded=loaded, camera=data.rig.names[k])
 
 
 def mounting_of(campaign: Campaign, result: Result | str | Path | None, image: int | None = None) -> Mounting:
@@ -80,10 +91,23 @@ def known_before(campaign: Campaign, result: Result | str | Path) -> tuple[Mount
 def _of_result(campaign: Campaign, result: Result, image: int | None) -> Mounting:
     result.raise_if_unusable()
     c, name = result.calibration, f"result, {result.method}"
-    covariance, half = c.estimate.covariance_E, c.interval_95_E
-    mounting = _stated(result.C_EK, covariance, half, c.status is Status.WEAK, name, "the result")
+    document = _of_camera(campaign, ResultDocument.of(result.document), "the result")
+    C_EK, covariance, half = result.C_EK, c.estimate.covariance_E, c.interval_95_E
+    if campaign.camera is not None:
+        C_EK, covariance, half = document.C_EK, document.covariance_E, document.interval_95_E
+    mounting = _stated(C_EK, covariance, half, c.status is Status.WEAK, name, "the result")
     mounting = replace(mounting, notices=_other_inputs(result.campaign.loaded.inputs, campaign, "the result"))
-    return _at_image(campaign, ResultDocument.of(result.document), mounting, image)
+    return _at_image(campaign, document, mounting, image)
+
+
+def _of_camera(campaign: Campaign, document: ResultDocument, where: str) -> ResultDocument:
+    """The result of the campaign's camera, where it is that of one of several."""
+    if campaign.camera is None:
+        return document
+    try:
+        return document.of_camera(campaign.camera)
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from None
 
 
 def _named(campaign: Campaign, path: Path, image: int | None) -> Mounting:
@@ -144,6 +168,7 @@ def _document(campaign: Campaign, path: Path) -> ResultDocument:
         raise InputError(
             f"{path}: status: found {document.status!r}, wanted a result whose mounting may be used (ok or weak)"
         )
+    document = _of_camera(campaign, document, str(path))
     found, wanted = (document.mounting.from_, document.mounting.to), campaign.frames
     if found != wanted:
         raise InputError(

@@ -19,6 +19,7 @@ from ..io.results.residual_table import residual_columns, residual_names
 from ..judge.accuracy.requirement import Met, Requirement, met
 from ..judge.calibrate import Calibration
 from ..judge.consistency import IMPLAUSIBLE_P
+from ..judge.mountings import mountings
 from ..judge.parameters.separability import known, of_camera
 from ..judge.trust import NORMAL_95
 from ..physics import so3
@@ -238,11 +239,29 @@ class Result(Shown):
         """SPICE's names of camera and tracker, and the ids."""
         from ..io.campaign.spice_config import kernel_frames
 
-        return kernel_frames(self.campaign.loaded.config.spice, self.campaign.frames[1])
+        spice, cameras = self.campaign.loaded.config.spice, self._cameras
+        first = next(iter(cameras.values())) if cameras else None
+        return kernel_frames(spice, self.campaign.frames[1], first)
+
+    @property
+    def _cameras(self) -> dict[str, tuple[str, int]]:
+        """SPICE's names and ids of cameras that have names, by these."""
+        from ..io.campaign.spice_config import camera_frames
+        from ..io.formats.spice_names import TRACKER_ID
+
+        config = self.campaign.loaded.config
+        stated = {each.name: each.spice for each in config.cameras or ()}
+        return camera_frames(stated, config.spice.tracker.id or TRACKER_ID)
 
     def _kernel(self, clock: int | None = None) -> str:
-        from ..io.formats.spice import frame_kernel_text
+        from ..io.formats.spice import FurtherCamera, frame_kernel_text
 
+        found, others = mountings(self.calibration), list(self._cameras.values())
+        further = [
+            FurtherCamera(*others[k], found.C_EC[k], found.covariance_of(k))
+            for k in range(1, len(others))
+            if found is not None and found.known[k]
+        ]
         camera, tracker, ids = self._frames
         heading = (("campaign", self.campaign.name), ("method", self.method), ("status", self.status))
         return frame_kernel_text(
@@ -253,6 +272,7 @@ class Result(Shown):
             covariance_E=self.calibration.estimate.covariance_E,
             comments=[f"{key}: {value}" for key, value in heading],
             clock=clock,
+            further=further,
         )
 
     def _write_map(self, path: Path) -> None:

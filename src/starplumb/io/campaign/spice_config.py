@@ -89,12 +89,35 @@ def spacecraft_of(frame_id: int) -> int:
     return -(-frame_id // 1000)
 
 
-def kernel_frames(spice: SpiceConfig, own_tracker: str) -> tuple[str, str, FrameIds]:
-    """SPICE's names of K and E, and the ids; ``own_tracker`` is the campaign's name of E."""
+def camera_frames(stated: Mapping[str, SpiceFrame], tracker_id: int) -> dict[str, tuple[str, int]]:
+    """SPICE's names and ids of cameras by theirs; ids that are not stated follow the first one's, outwards from 0."""
+    taken = {tracker_id, *(frame.id for frame in stated.values() if frame.id is not None)}
+    found: dict[str, tuple[str, int]] = {}
+    number = CAMERA_ID
+    for name, frame in stated.items():
+        if frame.id is not None:
+            number = frame.id
+        elif found or number in taken:
+            step = 1 if number > 0 else -1
+            while number in taken:
+                number += step
+        taken.add(number)
+        found[name] = (frame_name(frame.name or name), number)
+    return found
+
+
+def kernel_frames(
+    spice: SpiceConfig, own_tracker: str, first: tuple[str, int] | None = None
+) -> tuple[str, str, FrameIds]:
+    """SPICE's names of K and E, and the ids; ``own_tracker`` is the campaign's name of E, ``first`` name and id of the
+    first of several cameras."""
     camera, tracker = spice.camera.id or CAMERA_ID, spice.tracker.id or TRACKER_ID
+    if first is not None:
+        camera = first[1]
     numbered = (spacecraft_of(each) for each in (camera, tracker) if each < 0)
     craft = spice.spacecraft_id or next(numbered, DEFAULT_IDS.spacecraft)
-    names = frame_name(spice.camera.name or CAMERA), frame_name(spice.tracker.name or own_tracker)
+    own = frame_name(spice.camera.name or CAMERA) if first is None else first[0]
+    names = own, frame_name(spice.tracker.name or own_tracker)
     return *names, FrameIds(camera, tracker, craft)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from types import ModuleType
@@ -207,6 +208,16 @@ def _tdb(span: _Span, t_ns: EpochArray) -> FloatArray:
     return np.clip(tdb_seconds(t_ns), span.first_tdb, span.last_tdb)
 
 
+@dataclass(frozen=True)
+class FurtherCamera:
+    """A camera beside the first: its ``frame`` and ``id`` in SPICE, its mounting and the covariance of its error."""
+
+    frame: str
+    id: int
+    C_EC: FloatArray
+    covariance_E: FloatArray | None = None
+
+
 def frame_kernel_text(
     C_EK: FloatArray,
     from_name: str = "CAMERA",
@@ -216,14 +227,15 @@ def frame_kernel_text(
     covariance_E: FloatArray | None = None,
     comments: Sequence[str] = (),
     clock: int | None = None,
+    further: Sequence[FurtherCamera] = (),
 ) -> str:
     """The mounting as a SPICE text frame kernel: ``pxform(from_name, to_name, et)`` is ``C_EK`` (3, 3).
 
     The camera is a fixed-offset (TK) frame relative to the tracker, the tracker a frame whose attitude comes
     from a C-kernel. With a ``clock`` the camera moves: its frame is of a C-kernel that goes by the clock of that
     id, and ``C_EK`` its mean, said as text. Names pass :func:`frame_name`. ``covariance_E`` (3, 3), rad^2 about the
-    axes of E, and ``comments`` stand in the kernel as text. Source: NAIF, Frames Required Reading. InputError where
-    both names are one.
+    axes of E, and ``comments`` stand in the kernel as text; ``further`` cameras are frames like the first.
+    Source: NAIF, Frames Required Reading. InputError where both names are one.
     """
     camera, tracker = frame_name(from_name), frame_name(to_name)
     if camera == tracker:
@@ -232,7 +244,10 @@ def frame_kernel_text(
     if ids.tracker is not None:
         data += ["", *_definition(tracker, ids.tracker, 3, ids.spacecraft)]
     mean = None if clock is None else C_EK
-    prose = _comment(_prose(camera, tracker, covariance_E, comments, mean))
+    prose = [*_comment(_prose(camera, tracker, covariance_E, comments, mean))]
+    for other in further:
+        prose += ["", *_comment(_prose(other.frame, tracker, other.covariance_E, (), None))]
+        data += ["", *_camera(other.frame, tracker, replace(ids, camera=other.id), other.C_EC)]
     return "\n".join(["KPL/FK", "", *prose, "", "\\begindata", "", *data, "", "\\begintext", ""])
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from ...judge.calibrate import Calibration
 from ...physics.units import ARCSEC
+from ..cameras import cameras_section
 from ..page import Page, Section, Tone, render
 from ..text import length, listed, measured
 from . import figures, lists, tables
@@ -79,6 +80,7 @@ def _sections(c: Calibration, document: Mapping[str, Any]) -> tuple[Section, ...
             tables=(facts(c, document), *tables.sources(document), *site_table(c, found)),
         ),
         Section("alignment", "Alignment", tables=(*tables.alignment(c, document), *in_the_camera(c))),
+        Section("cameras", "Cameras against each other", *cameras_section(c)),
         Section(
             "mounting",
             "Mounting before and after",

@@ -24,7 +24,7 @@ from ...physics.units import DEG
 from ...table.coverage import covered, why_not
 from ..arguments import NotNegative, checked
 from ..campaign import Campaign
-from ..mounting import Mounting, mounting_of
+from ..mounting import Mounting, alone, mounting_of
 from ..result import Result
 from ..show import Shown
 
@@ -164,8 +164,8 @@ def view_of(
     if height_m is not None and dem is not None:
         raise ArgumentError("height_m", "found beside a DEM, wanted only one of the two")
     below = None if dem is None else dem_surface(Path(dem), heights, None if geoid is None else Path(geoid))
-    campaign.require_one_camera("locate")
     number = image_of(campaign, image)
+    campaign = alone(campaign, number)
     return View(campaign, number, mounting_of(campaign, result, number), below, height_m or 0.0)
 
 

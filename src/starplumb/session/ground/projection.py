@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -25,7 +25,7 @@ from ...table.appearance import Seen
 from ..arguments import Folder, NotNegative, Wanted, checked
 from ..campaign import Campaign
 from ..frames import Frame
-from ..mounting import mounting_of
+from ..mounting import alone, mounting_of
 from ..result import Result
 from ..show import Shown
 from .location import image_of
@@ -142,14 +142,13 @@ def project(
     ground = Ground(
         None if dem is None else Path(dem), heights, None if geoid is None else Path(geoid), words
     )
-    campaign.require_one_camera("project")
     source = _source(latitude_deg, longitude_deg, itrf_m, points)
     if source is None:
         marks = campaign.loaded.campaign.landmarks
         sites = Sites(marks.ids, marks.r_J, marks.covariance_J)
     else:
         sites = read_sites(source, ground, height_m, (sigma_m, sigma_m, sigma_height_m))
-    return _projection(campaign, mounting_of(campaign, result), sites, image)
+    return _projection(campaign, result, sites, image)
 
 
 def _source(
@@ -174,31 +173,42 @@ def _source(
     return Path(points) if isinstance(points, str | Path) else TableFrame.of("points", points)
 
 
-def _projection(campaign: Campaign, mounting: Any, sites: Sites, image: str | None) -> Projection:
-    loaded = campaign.loaded
-    spread = np.zeros((3, 3)) if mounting.covariance_E is None else mounting.covariance_E
-    found = projected(
-        replace(loaded.campaign, turn_E=mounting.turn_E),
-        mounting.C_EK,
-        spread,
-        sites.r_J,
-        sites.covariance_J,
-        _asked(campaign, sites, image),
-        loaded.outside == "skip",
-    )
+def _projection(
+    campaign: Campaign, result: Result | str | Path | None, sites: Sites, image: str | None
+) -> Projection:
+    loaded, mounting = campaign.loaded, mounting_of(campaign, result)
+    parts, stated = [], True
+    for own, asked in _by_camera(campaign, _asked(campaign, sites, image)):
+        mounting = mounting_of(own, result)
+        stated &= mounting.covariance_E is not None
+        spread = np.zeros((3, 3)) if mounting.covariance_E is None else mounting.covariance_E
+        flown, places = replace(own.loaded.campaign, turn_E=mounting.turn_E), (sites.r_J, sites.covariance_J)
+        parts.append(projected(flown, mounting.C_EK, spread, *places, asked, loaded.outside == "skip"))
+    found = Projected.joined(parts)
     absent = np.setdiff1d(np.arange(len(sites.ids)), found.site)
     return Projection(
         {
             "schema": "starplumb-projection/1",
             "campaign": campaign.name,
             "mounting": mounting.origin,
-            "points": list(_points(campaign, sites, found, mounting.covariance_E is not None)),
+            "points": list(_points(campaign, sites, found, stated)),
             "left_out": {_KEYS[why]: count for why, count in found.absent.items()},
             "in_no_image": [sites.ids[i] for i in absent.tolist()],
             "notices": [*mounting.notices, *sites.notices],
         },
         loaded.sources,
     )
+
+
+def _by_camera(
+    campaign: Campaign, asked: list[tuple[int, Index]]
+) -> Iterator[tuple[Campaign, list[tuple[int, Index]]]]:
+    """The images asked for by the camera that took them, each with the campaign of that camera alone."""
+    rig = campaign.loaded.campaign.rig
+    of = [0 if rig is None else int(rig.of_image[image]) for image, _ in asked]
+    for k in sorted(set(of)):
+        mine = [one for one, camera in zip(asked, of, strict=True) if camera == k]
+        yield alone(campaign, mine[0][0]), mine
 
 
 def _asked(campaign: Campaign, sites: Sites, image: str | None) -> list[tuple[int, Index]]:

@@ -84,7 +84,8 @@ def predict(
     """The mounting at a time and the covariance of its error, from a result or an archive alone.
 
     ``result`` is a Result, the path of a ``result.json``, of its folder, or of an archive, whose mounting is that
-    which was issued for the time, else that of its trend (of ``satellite`` and ``camera``, where it has several).
+    which was issued for the time, else that of its trend (of ``satellite`` and ``camera``, where it has several); of a
+    result of several cameras it is that of the first, or of ``camera``.
     ``at`` is an ISO 8601 time in UTC, the scale of the result; ``temperatures_c`` gives temperatures by name, for a
     mounting that moves with them.  Outside the span of the images the covariance grows, and a notice says so.  Raises
     InputError where the result must not be used, or the time is none.
@@ -92,6 +93,8 @@ def predict(
     if isinstance(result, str | Path) and is_archive(Path(result)):
         return Prediction(_of_archive(Path(result), at, satellite, camera))
     document, name = _document(result)
+    if camera is not None and document.mountings:
+        document = document.of_camera(camera)
     if not document.usable:
         raise InputError(
             f"{name}: status: found {document.status!r}, wanted a result whose mounting may be used (ok or weak)"

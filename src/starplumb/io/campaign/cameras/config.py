@@ -8,12 +8,14 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field
 
+from ...formats.spice_names import frame_name, frame_name_fault
 from ...text.files import show
 from ...text.frames import earth_frame
 from ...text.sections import Section, wrong
 from ...text.values import Pair, Positive, Text, Triple, WholePair, Window, choice
 from ..attitude_config import Mounting, all_frames, ends, joined_rules, tracker_frame
 from ..fixed_frames import CAMERA
+from ..spice_config import SpiceFrame
 
 
 class Distortion(Section):
@@ -123,6 +125,10 @@ class NamedCamera(CameraConfig):
         description="the camera's name, which the column camera of the images repeats"
     )
     mounting: Mounting = Field(description="a section with from (the camera's name), to and a rotation")
+    spice: SpiceFrame = Field(
+        default_factory=lambda: SpiceFrame(),
+        description="a section with name and id of its frame in mounting.tf",
+    )
 
 
 def camera_rules(given: Mapping[str, Any], wanted: Mapping[str, str | None]) -> Iterator[tuple[str, str]]:
@@ -142,6 +148,7 @@ def camera_rules(given: Mapping[str, Any], wanted: Mapping[str, str | None]) -> 
     tables = [each if isinstance(each, dict) else {} for each in cameras]
     yield from _alike(tables)
     yield from _mountings(given, tables)
+    yield from _frames_of_spice(given, tables)
     if len(tables) > 1:
         yield from _several(given)
 
@@ -181,6 +188,31 @@ def _mountings(given: Mapping[str, Any], cameras: list[dict[str, Any]]) -> Itera
         else:
             for end, text in joined_rules(frames, own_ends(both, name), name, frame, place):
                 yield f"{key}.{end}", text
+
+
+def _frames_of_spice(given: Mapping[str, Any], cameras: list[dict[str, Any]]) -> Iterator[tuple[str, str]]:
+    """Frames of mounting.tf have names and ids of their own."""
+    spice = given.get("spice")
+    if isinstance(spice, dict) and "camera" in spice:
+        yield "spice.camera", "found beside [[cameras]], wanted the key spice of each camera"
+    tracker = spice.get("tracker") if isinstance(spice, dict) else None
+    others = [tracker if isinstance(tracker, dict) else {}]
+    names = [str(others[0].get("name") or tracker_frame(given)[0] or "")]
+    for i, camera in enumerate(cameras):
+        stated = camera.get("spice")
+        stated = stated if isinstance(stated, dict) else {}
+        name = frame_name(str(stated.get("name") or camera.get("name")))
+        if fault := frame_name_fault(name):
+            yield f"cameras.{i}.spice.name", f"found the frame {name} in mounting.tf, wanted {fault}"
+        elif name in map(frame_name, names):
+            yield (
+                f"cameras.{i}.spice.name",
+                f"found the frame {name} again, wanted a name of its own in mounting.tf",
+            )
+        if stated.get("id") is not None and stated["id"] in [other.get("id") for other in others]:
+            yield f"cameras.{i}.spice.id", f"found {show(stated['id'])} again, wanted an id of its own"
+        names.append(name)
+        others.append(stated)
 
 
 def own_ends(both: tuple[str, str], name: str) -> tuple[str, str]:
