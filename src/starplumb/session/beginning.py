@@ -34,6 +34,7 @@ EXAMPLES: dict[str, object] = {
     "mounting.from": "camera",
     "mounting.to": "star_tracker",
     "cameras.name": "nadir",
+    "cameras.spice": {"name": "SAT1_NADIR", "id": -999101},
     "cameras.mounting": {"from": "nadir", "to": "star_tracker", "quaternion_xyzw": [0.0, 0.0, 0.0, 1.0]},
     "mounting.sigma_arcsec": [3600.0, 3600.0, 3600.0],
     "ephemeris.file": "ephemeris.csv",
