@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Protocol
@@ -10,6 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from ..table.campaign import Campaign
 from .acquisition import Acquisition, acquire
 from .candidates import candidate_places
 from .chips import Chip, Tell, chips
@@ -149,11 +150,11 @@ def measure_image(
     places = candidate_places(raw, wanted.grid, wanted.chip_px, RIM_PX)
     brightness = Brightness.of(reduced(raw, max(1, max(raw.size_px) // 256)))
     done = chips(scene, found.C_EK, image, places, wanted.chip_px, brightness, tell)
-    fitted = _fitted(scene, found.C_EK, image, done, sigma_K)
+    fitted = _fitted(scene.campaign, found.C_EK, image, done, sigma_K)
     if fitted is not None and np.abs(_moved(done)).max() > AGAIN_PX:
         # far from where they were predicted the chips' affine tells their place less well
         done = chips(scene, fitted.C_EK, image, places, wanted.chip_px, brightness)
-        fitted = _fitted(scene, fitted.C_EK, image, done, sigma_K)
+        fitted = _fitted(scene.campaign, fitted.C_EK, image, done, sigma_K)
     return _too_few(image, found, done) if fitted is None else _told(image, found, done, fitted, wanted)
 
 
@@ -169,14 +170,26 @@ def _too_few(image: int, found: Found, done: list[Chip]) -> MeasuredImage:
     return MeasuredImage(image, found.C_EK, found, tuple(done), reason=reason)
 
 
-def _fitted(scene: Scene, C_EK: Array, image: int, done: list[Chip], sigma_K: Array) -> Pointing | None:
+def _fitted(
+    campaign: Campaign, C_EK: Array, image: int, done: Sequence[Chip], sigma_K: Array
+) -> Pointing | None:
     """The rotation by the chips that matched; None where fewer than four agree."""
     used = [chip.candidate for chip in done if chip.candidate.verdict == Verdict.USED]
     if len(used) < LEAST_CHIPS:
         return None
     pixel, p_J = np.array([c.pixel for c in used]), np.array([c.p_J for c in used])
-    fitted = pointed(scene.campaign, C_EK, image, pixel, p_J, TOLERANCE_PX, sigma_K)
+    fitted = pointed(campaign, C_EK, image, pixel, p_J, TOLERANCE_PX, sigma_K)
     return fitted if fitted.agrees.sum() >= LEAST_CHIPS else None
+
+
+def told(
+    campaign: Campaign, image: int, found: Found, done: Sequence[Chip], sigma_K: Array, wanted: Wanted
+) -> MeasuredImage:
+    """An image by chips whose ground is known: with their residuals, where enough of them agree; without a floor."""
+    fitted = _fitted(campaign, found.C_EK, image, done, sigma_K)
+    if fitted is None:
+        return MeasuredImage(image, found.C_EK, found, tuple(done))
+    return replace(_told(image, found, list(done), fitted, wanted), floor_px=0.0)
 
 
 def _told(image: int, found: Found, done: list[Chip], fitted: Pointing, wanted: Wanted) -> MeasuredImage:

@@ -32,7 +32,8 @@ class Candidate:
 
     ``place`` (2,) is the middle of the window, where its ground point ``p_J`` (3,) was expected, ``pixel`` (2,) where
     it was found, the same where it was refused; ``covariance_px2`` (2, 2) of what matching does not know, None where
-    refused; ``residual_px`` (2,) is what the image's own rotation leaves.
+    refused; ``residual_px`` (2,) is what the image's own rotation leaves; ``landmark`` is the id of a target that has
+    one.
     """
 
     image: int
@@ -51,6 +52,7 @@ class Candidate:
     blur_px: float = np.nan
     residual_px: Array | None = None
     check: bool = False
+    landmark: str = ""
 
     @property
     def covariance(self) -> Array:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ...imagery.chain import MeasuredImage
 from ...imagery.scene import Scene
+from ...imagery.targets.chain import TargetScene
 from ...imagery.verdicts import Candidate, Verdict
 from ...io.campaign.read import LoadedImages
 from ...table.geometry import project
@@ -25,7 +26,7 @@ class Measured(Protocol):
     def loaded(self) -> LoadedImages: ...
 
     @property
-    def scene(self) -> Scene: ...
+    def scene(self) -> Scene | TargetScene: ...
 
     @property
     def images(self) -> tuple[MeasuredImage, ...]: ...
@@ -74,8 +75,9 @@ def _image(measured: Measured, image: MeasuredImage, predicted: Array) -> dict[s
     chips = [chip.candidate for chip in image.chips]
     used = [k for k, c in enumerate(chips) if c.verdict == Verdict.USED]
     off = None
-    if used and not image.reason:
-        apart = np.array([chips[k].pixel for k in used]) - predicted[used]
+    known = [k for k in used if np.all(np.isfinite(predicted[k]))]
+    if known and not image.reason:
+        apart = np.array([chips[k].pixel for k in known]) - predicted[known]
         off = np.median(apart, axis=0).tolist()
     return {
         "image_id": measured.loaded.campaign.images.ids[image.image],
@@ -102,7 +104,7 @@ def _candidates(measured: Measured, image: MeasuredImage, predicted: Array) -> l
         rows.append(
             {
                 "image_id": name,
-                "landmark_id": f"{name}-{c.number:03d}",
+                "landmark_id": c.landmark or f"{name}-{c.number:03d}",
                 "column_px": float(c.pixel[0] + shift),
                 "row_px": float(c.pixel[1] + shift),
                 "predicted_column_px": float(at[0] + shift),

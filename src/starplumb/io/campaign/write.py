@@ -74,7 +74,7 @@ def campaign_files(
     files = {
         "ephemeris.csv": _ephemeris(campaign, time_scale),
         **attitude_files(campaign, time_scale),
-        "landmarks.csv": _landmarks(campaign.landmarks),
+        "landmarks.csv": landmarks_text(campaign.landmarks),
         "images.csv": _images(campaign, time_scale),
         **_row_times(campaign, time_scale),
     }
@@ -104,7 +104,8 @@ def _ephemeris(campaign: Campaign, scale: str) -> str:
     return csv_text(header, columns)
 
 
-def _landmarks(landmarks: Landmarks) -> str:
+def landmarks_text(landmarks: Landmarks) -> str:
+    """The table of landmarks.  Raises ValueError for covariances that are not along east, north and up."""
     latitude, longitude, height = itrf_to_geodetic(landmarks.r_J)
     C = C_JT(latitude, longitude)
     exact = along_axes(

@@ -60,11 +60,13 @@ def open_scene(
     Raises InputError, one sentence, for the first file of the reference that cannot be used, or of the raw images where
     none can.
     """
-    raws = _raws(raw_paths(campaign, folder, imagery), campaign, imagery)
+    raws = open_raws(campaign, folder, imagery)
     paths = reference_paths(settings, folder, reference)
     tiles = [Tile.of(open_pixels(path, reference.band), reference.crs, reference.nodata) for path in paths]
     require_agreement(tiles)
     geoid = None if reference.geoid is None else folder / reference.geoid
+    if reference.dem is None or reference.heights is None:
+        raise ValueError("the rules want heights of an orthoimage")
     relief = read_relief(folder / reference.dem, reference.crs, reference.heights, geoid)
     return Scene(campaign, raws, Ortho(tiles), relief.at, relief.step_m, imagery.saturation_dn)
 
@@ -78,6 +80,14 @@ class Unread:
 
     def window(self, column: int, row: int, columns: int, rows: int) -> Array:
         raise InputError(self.why)
+
+
+def open_raws(campaign: Campaign, folder: Path, imagery: ImageryConfig) -> list[Raw]:
+    """The raw image of each image; one that cannot be used says why when it is read.
+
+    Raises InputError for the first where none can.
+    """
+    return _raws(raw_paths(campaign, folder, imagery), campaign, imagery)
 
 
 def _raws(paths: list[Path], campaign: Campaign, imagery: ImageryConfig) -> list[Raw]:

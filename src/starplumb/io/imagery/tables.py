@@ -42,23 +42,36 @@ class Marks:
         columns: list[Column] = [self.landmark_ids, latitude / DEG, longitude / DEG, height, *sigmas]
         return csv_text(("landmark_id", *GEODETIC, *SIGMA_ENU), columns)
 
+    def detections(self) -> str:
+        """The table of detections: the same without what they are of."""
+        return self._table(labelled=False)
+
     def observations(self) -> str:
         """The table of observations with their ellipses."""
+        return self._table(labelled=True)
+
+    def _table(self, labelled: bool) -> str:
         sigma = np.sqrt(np.diagonal(self.covariance_px2, axis1=-2, axis2=-1))
         correlation = self.covariance_px2[:, 0, 1] / np.prod(sigma, axis=-1)
         role = np.where(self.check, "check", "control").tolist()
         sigmas = ("sigma_column_px", "sigma_row_px", "correlation")
+        ellipse: list[Column] = [*self.pixel.mT, *sigma.mT, correlation]
+        if not labelled:
+            return csv_text(("image_id", "column_px", "row_px", *sigmas), [self.image_ids, *ellipse])
         header = ("image_id", "landmark_id", "column_px", "row_px", *sigmas, "role")
-        columns: list[Column] = [self.image_ids, self.landmark_ids, *self.pixel.mT]
-        columns += [*sigma.mT, correlation, role]
-        return csv_text(header, columns)
+        return csv_text(header, [self.image_ids, self.landmark_ids, *ellipse, role])
 
 
 def campaign_text(
-    text: str, folder: Path, out: Path, names: Iterable[str], correlation_length_m: float | None
+    text: str,
+    folder: Path,
+    out: Path,
+    names: Iterable[str],
+    correlation_length_m: float | None,
+    marks: str = "observations",
 ) -> str:
-    """``campaign.toml`` as it stands, but with the tables measured, and with the names of its files (``names``) as they
-    are from the folder ``out``."""
+    """``campaign.toml`` as it stands, but with the tables measured (landmarks and ``marks``), and with the names of its
+    files (``names``) as they are from the folder ``out``."""
     import tomlkit
 
     document = tomlkit.parse(text)
@@ -71,9 +84,9 @@ def campaign_text(
     landmarks.add("file", "landmarks.csv")
     if correlation_length_m is not None:
         landmarks.add("correlation_length_m", correlation_length_m)
-    observations = tomlkit.table()
-    observations.add("file", "observations.csv")
-    document["landmarks"], document["observations"] = landmarks, observations
+    measured = tomlkit.table()
+    measured.add("file", f"{marks}.csv")
+    document["landmarks"], document[marks] = landmarks, measured
     return tomlkit.dumps(document)
 
 

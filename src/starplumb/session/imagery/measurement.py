@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from ... import __version__
 from ...imagery.chain import MeasuredImage, Wanted, measure_images
 from ...imagery.scene import Scene
+from ...imagery.targets.chain import TargetScene
 from ...io.campaign.files import names_of
 from ...io.campaign.read import LoadedImages, load_images
 from ...io.imagery.kept import KeptImages
@@ -28,6 +29,7 @@ from ..arguments import Folder, checked
 from ..show import Shown
 
 if TYPE_CHECKING:
+    from ...disk.publish import Content
     from ...report.page import Table
 
 Array = NDArray[np.float64]
@@ -35,7 +37,7 @@ Tell = Callable[[int, int], None]
 """Hears how many chips of how many are done."""
 
 MEASURE = "measure.json"
-FILES = ("campaign.toml", "landmarks.csv", "observations.csv", "measure.html")
+FILES = ("campaign.toml", "landmarks.csv", "observations.csv", "detections.csv", "measure.html")
 """Files beside measure.json: those that a new measurement does not write are removed."""
 
 
@@ -47,7 +49,7 @@ class Measurement(Shown):
 
     path: Path
     loaded: LoadedImages
-    scene: Scene
+    scene: Scene | TargetScene
     images: tuple[MeasuredImage, ...]
     kept: KeptImages | None = None
 
@@ -62,6 +64,11 @@ class Measurement(Shown):
         return self.acquired > 0 and 2 * self.acquired >= len(self.images)
 
     @property
+    def marks_name(self) -> str:
+        """The section of the campaign written that names its marks."""
+        return "observations"
+
+    @property
     def message(self) -> str:
         """What should be known of the images that were left out."""
         if self.acquired == len(self.images):
@@ -74,7 +81,7 @@ class Measurement(Shown):
     def floor_px(self) -> float:
         """What is added to the sigmas of matching: the scatter of chips beyond them and the reference's own error."""
         measured = [image for image in self.images if not image.reason]
-        if not measured:
+        if not any(image.floor_px for image in measured):
             return 0.0
         size = np.median([self._pixel_m(image) for image in measured])
         floor = float(np.sqrt(np.mean([image.floor_px**2 for image in measured])))
@@ -119,8 +126,8 @@ class Measurement(Shown):
         extra = self.floor_px**2 * np.eye(2)
         return Marks(
             [self._name(image) for image, _ in used],
-            [landmark_id(self._name(image), c.number) for image, c in used],
-            np.array([c.p_J for _, c in used], dtype=np.float64).reshape(-1, 3),
+            [c.landmark or landmark_id(self._name(image), c.number) for image, c in used],
+            np.array([np.full(3, np.nan) if c.p_J is None else c.p_J for _, c in used]).reshape(-1, 3),
             np.array([c.pixel for _, c in used]).reshape(-1, 2) + self.loaded.shift_px,
             np.array([c.covariance for _, c in used]).reshape(-1, 2, 2) + extra,
             np.array([c.check for _, c in used], dtype=np.bool_),
@@ -133,25 +140,31 @@ class Measurement(Shown):
 
         Raises InputError where the folder cannot be written to, or holds what is no earlier measurement.
         """
-        from ...disk.publish import Content, publish
+        from ...disk.publish import publish
         from ...io.text.write import marked
 
         out = Path(folder)
         files: dict[str, Content] = {}
         if self.acquired:
-            marks, names = self.marks, names_of(self.loaded.config)
-            length = self._reference.correlation_length_m
-            files = {
-                "landmarks.csv": marks.landmarks(self._reference.sigma_m),
-                "observations.csv": marks.observations(),
-                "campaign.toml": campaign_text(read_text(self.path), self.loaded.folder, out, names, length),
-            }
+            names, length = names_of(self.loaded.config), self._reference.correlation_length_m
+            files = self._tables()
+            files["campaign.toml"] = campaign_text(
+                read_text(self.path), self.loaded.folder, out, names, length, self.marks_name
+            )
         if report:
             files["measure.html"] = self.report()
         mark = marked(MEASURE, self.document)
         publish(out, files, instead_of=FILES, mark=mark, inputs=self.loaded.sources)
         if self.kept is not None:
             self.kept.remove()
+
+    def _tables(self) -> dict[str, Content]:
+        """The tables that ``campaign.toml`` names, by their files."""
+        marks = self.marks
+        return {
+            "landmarks.csv": marks.landmarks(self._reference.sigma_m),
+            "observations.csv": marks.observations(),
+        }
 
     def report(self) -> str:
         """The page ``measure.html``: every chip for the eye."""
@@ -169,6 +182,7 @@ class Measurement(Shown):
 
     def _pixel_m(self, image: MeasuredImage) -> float:
         size = self.scene.raws[image.image].size_px
+        assert isinstance(self.scene, Scene)
         return self.scene.pixel_m(image.C_EK, image.image, 0.5 * np.array(size, dtype=np.float64))
 
 
@@ -210,22 +224,34 @@ def measure_watched(path: Path, tell: Tell, out: Path | None = None) -> Measurem
             f"{path}: mounting.sigma_arcsec: missing, wanted the error that the model mounting may have: "
             "it says how far to search"
         )
+    if config.reference.kind == "points":
+        from .targets import measure_targets_of
+
+        return measure_targets_of(path, _with_inputs(loaded, _raw_files(loaded)), prior_E, _own(loaded), tell)
     scene = open_scene(str(path), loaded.campaign, loaded.folder, config.imagery, config.reference)
-    raws = raw_paths(loaded.campaign, loaded.folder, config.imagery)
     tiles = reference_paths(str(path), loaded.folder, config.reference)
     grids = [loaded.folder / name for name in (config.reference.dem, config.reference.geoid) if name]
     placed = [part for path in (*tiles, *grids) for part in files_of(path)]
-    further = [*(raw for raw in raws if raw.is_file()), *placed]
-    loaded = replace(
-        loaded,
-        inputs=loaded.inputs | {_relative(each, loaded.folder): fingerprint(each) for each in further},
-        sources=(*loaded.sources, *further),
-    )
+    loaded = _with_inputs(loaded, [*_raw_files(loaded), *placed])
     wanted = Wanted(config.measure.chip_px, config.measure.grid, config.measure.check_share)
     kept = None if out is None else KeptImages.beside(out, _about(loaded))
-    total = len(raws) * wanted.grid[0] * wanted.grid[1]
+    total = len(scene.raws) * wanted.grid[0] * wanted.grid[1]
     images = measure_images(scene, prior_E, _own(loaded), wanted, lambda done: tell(done, total), kept)
     return Measurement(path, loaded, scene, tuple(images), kept)
+
+
+def _raw_files(loaded: LoadedImages) -> list[Path]:
+    """The raw images that are there."""
+    assert loaded.config.imagery is not None
+    return [
+        path for path in raw_paths(loaded.campaign, loaded.folder, loaded.config.imagery) if path.is_file()
+    ]
+
+
+def _with_inputs(loaded: LoadedImages, further: Sequence[Path]) -> LoadedImages:
+    """The campaign with the digests of further files that are read."""
+    inputs = {_relative(each, loaded.folder): fingerprint(each) for each in further}
+    return replace(loaded, inputs=loaded.inputs | inputs, sources=(*loaded.sources, *further))
 
 
 def _about(loaded: LoadedImages) -> str:
