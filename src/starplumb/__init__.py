@@ -53,7 +53,7 @@ _DOOR = {
     "demo": "session.campaign",
     "diagnose": "session.diagnosis",
     "locate": "session.ground.location",
-    "measure": "session.imagery.measurement",
+    "measure": "session.imagery.measuring",
     "open_archive": "session.mission.archive",
     "project": "session.ground.projection",
     "predict": "session.motion.prediction",

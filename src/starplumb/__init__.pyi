@@ -18,7 +18,7 @@ from .session.ground.location import locate as locate
 from .session.ground.projection import Projection as Projection
 from .session.ground.projection import project as project
 from .session.imagery.measurement import Measurement as Measurement
-from .session.imagery.measurement import measure as measure
+from .session.imagery.measuring import measure as measure
 from .session.mission.archive import Archive as Archive
 from .session.mission.archive import open_archive as open_archive
 from .session.motion.prediction import Prediction as Prediction

@@ -47,7 +47,8 @@ def measure(
       starplumb measure campaign.toml --out measured
     """
     from ..physics.errors import AlignmentFailed
-    from ..session.imagery.measurement import measure_watched, require_place
+    from ..session.imagery.measurement import require_place
+    from ..session.imagery.measuring import measure_watched
 
     speak = Output(json, quiet, verbose)
     out = out or campaign.parent / "measured"

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -12,19 +11,14 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ... import __version__
-from ...imagery.chain import MeasuredImage, Wanted, measure_images
+from ...imagery.chain import MeasuredImage
 from ...imagery.scene import Scene
 from ...imagery.targets.chain import TargetScene
 from ...io.campaign.files import names_of
-from ...io.campaign.read import LoadedImages, load_images
+from ...io.campaign.read import LoadedImages
 from ...io.imagery.kept import KeptImages
-from ...io.imagery.rasters import files_of
-from ...io.imagery.scene import open_scene, raw_paths, reference_paths
 from ...io.imagery.tables import Marks, campaign_text
-from ...io.text.files import fingerprint, read_text
-from ...physics.errors import InputError
-from ...table.geometry import position_covariance, stations
+from ...io.text.files import read_text
 from ..arguments import Folder, checked
 from ..show import Shown
 
@@ -33,8 +27,6 @@ if TYPE_CHECKING:
     from ...report.page import Table
 
 Array = NDArray[np.float64]
-Tell = Callable[[int, int], None]
-"""Hears how many chips of how many are done."""
 
 MEASURE = "measure.json"
 FILES = ("campaign.toml", "landmarks.csv", "observations.csv", "detections.csv", "measure.html")
@@ -197,81 +189,3 @@ def require_place(folder: Path, campaign: Path) -> None:
 def landmark_id(image_id: str, number: int) -> str:
     """The id of the landmark of a chip, which no other image has."""
     return f"{image_id}-{number:03d}"
-
-
-@checked
-def measure(path: str | Path) -> Measurement:
-    """Measure the raw images of a ``campaign.toml`` on its reference.
-
-    The campaign has the sections [imagery] and [reference], and ``mounting.sigma_arcsec``, which says how far to
-    search; it needs neither [landmarks] nor [observations].  Raises InputError, one sentence, for the first file that
-    cannot be used.
-    """
-    return measure_watched(Path(path), lambda done, total: None)
-
-
-def measure_watched(path: Path, tell: Tell, out: Path | None = None) -> Measurement:
-    """The same; ``tell`` hears how far it is.  With ``out``, where it will be saved, finished images are kept beside
-    that folder until :meth:`Measurement.save` has written it, and a run that was ended before is gone on with."""
-    loaded = load_images(path)
-    config = loaded.config
-    if config.imagery is None or config.reference is None:
-        lacks = "imagery" if config.imagery is None else "reference"
-        raise InputError(f"{path}: {lacks}: missing, wanted the section [{lacks}] with files")
-    prior_E = loaded.campaign.prior_E
-    if prior_E is None:
-        raise InputError(
-            f"{path}: mounting.sigma_arcsec: missing, wanted the error that the model mounting may have: "
-            "it says how far to search"
-        )
-    if config.reference.kind == "points":
-        from .targets import measure_targets_of
-
-        return measure_targets_of(path, _with_inputs(loaded, _raw_files(loaded)), prior_E, _own(loaded), tell)
-    scene = open_scene(str(path), loaded.campaign, loaded.folder, config.imagery, config.reference)
-    tiles = reference_paths(str(path), loaded.folder, config.reference)
-    grids = [loaded.folder / name for name in (config.reference.dem, config.reference.geoid) if name]
-    placed = [part for path in (*tiles, *grids) for part in files_of(path)]
-    loaded = _with_inputs(loaded, [*_raw_files(loaded), *placed])
-    wanted = Wanted(config.measure.chip_px, config.measure.grid, config.measure.check_share)
-    kept = None if out is None else KeptImages.beside(out, _about(loaded))
-    total = len(scene.raws) * wanted.grid[0] * wanted.grid[1]
-    images = measure_images(scene, prior_E, _own(loaded), wanted, lambda done: tell(done, total), kept)
-    return Measurement(path, loaded, scene, tuple(images), kept)
-
-
-def _raw_files(loaded: LoadedImages) -> list[Path]:
-    """The raw images that are there."""
-    assert loaded.config.imagery is not None
-    return [
-        path for path in raw_paths(loaded.campaign, loaded.folder, loaded.config.imagery) if path.is_file()
-    ]
-
-
-def _with_inputs(loaded: LoadedImages, further: Sequence[Path]) -> LoadedImages:
-    """The campaign with the digests of further files that are read."""
-    inputs = {_relative(each, loaded.folder): fingerprint(each) for each in further}
-    return replace(loaded, inputs=loaded.inputs | inputs, sources=(*loaded.sources, *further))
-
-
-def _about(loaded: LoadedImages) -> str:
-    """All that the images of a measurement depend on: what is read, and the program."""
-    return json.dumps([__version__, loaded.inputs], sort_keys=True)
-
-
-def _relative(path: Path, folder: Path) -> str:
-    return path.relative_to(folder).as_posix() if path.is_relative_to(folder) else path.as_posix()
-
-
-def _own(loaded: LoadedImages) -> Array:
-    """Covariance (3, 3) rad^2 about E's axes of what moves each image by itself: attitude and position, at worst."""
-    campaign = loaded.campaign
-    m = len(campaign.images.ids)
-    attitude = np.broadcast_to(campaign.cov_attitude_E, (m, 3, 3)).max(axis=0)
-    station = stations(campaign, np.arange(m), np.zeros(m))
-    distance = np.linalg.norm(station.r_J, axis=-1) - _EARTH_RADIUS_M
-    position = np.sqrt(np.linalg.eigvalsh(position_covariance(campaign))[:, -1]) / distance
-    return np.diag(np.diagonal(attitude)) + float(np.max(position)) ** 2 * np.eye(3)
-
-
-_EARTH_RADIUS_M = 6.371e6
