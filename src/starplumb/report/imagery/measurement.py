@@ -125,12 +125,14 @@ def _fit(document: Document) -> tuple[str, ...]:
     rms = 1.4826 * float(np.median(np.abs(z)))
     floor = float(document["floor_px"])
     told = (
-        f"Residuals over the sigmas of matching scatter by {number(rms, 2)} (1 where the sigmas are right). "
+        f"Residuals over the sigmas of matching scatter by {number(rms, 2)}; 1 would be the matching alone, and the "
+        "errors of the reference, which stand with the landmarks, make it more. "
     )
     if not floor:
-        return (told + "Nothing had to be added to the sigmas.",)
+        return (told + "Nothing had to be added to the sigmas for anything else.",)
     return (
-        told + f"{number(floor, 2)} px were added to the sigmas of all chips for what matching cannot see.",
+        told
+        + f"{number(floor, 2)} px were added to the sigmas of all chips for what neither of these explains.",
     )
 
 
