@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 from world import RawArray, world
 
-from starplumb.imagery.acquisition import acquire, peak, standing
+from starplumb.imagery.acquisition import Peak, acquire, peak, standing
 from starplumb.imagery.candidates import candidate_places, structure
 from starplumb.imagery.chain import Wanted, floor_of, measure_image, measure_images
+from starplumb.imagery.chips import unlikely
+from starplumb.imagery.matching.least_squares import Match
 from starplumb.imagery.pointing import pointed
 from starplumb.imagery.scene import Scene, binned, reduced
 from starplumb.imagery.verdicts import Brightness, Verdict
@@ -153,6 +155,45 @@ def test_a_bare_window_is_told_by_its_brightness():
     assert brightness.bare(np.full((4, 4), 990.0))[0] == Verdict.CLOUD
     assert brightness.bare(np.full((4, 4), 20.0))[0] == Verdict.WATER
     assert brightness.bare(np.full((4, 4), 480.0))[0] == Verdict.NO_TEXTURE
+
+
+def test_cloud_is_told_from_a_bright_field_by_the_values_of_its_image(rng):
+    ground = rng.normal(900.0, 100.0, (200, 200))
+    cloudy = ground.copy()
+    cloudy[:, :40] = rng.normal(2400.0, 60.0, (200, 40))
+    field = rng.normal(1080.0, 20.0, (48, 48))
+    assert not Brightness.of(ground).clouded(field)
+    of_cloudy = Brightness.of(cloudy)
+    assert not of_cloudy.clouded(field)
+    field[:, :12] = 2400.0
+    assert of_cloudy.clouded(field)
+    field[:, 4:] = 900.0
+    assert not of_cloudy.clouded(field)
+
+
+def found_with(agreement=0.9, kept=0.9, sigma=0.02, place=(23.5, 23.5)):
+    none = np.zeros((48, 48))
+    covariance = np.diag([sigma**2, 1e-4])
+    return Match(np.array(place), covariance, np.zeros((2, 2)), 1.0, 0.0, agreement, kept, none, none)
+
+
+@pytest.mark.parametrize(
+    ("found", "shift", "verdict"),
+    [
+        (found_with(), (0.0, 0.0), None),
+        (found_with(agreement=-0.9), (0.0, 0.0), None),
+        (found_with(agreement=0.3), (0.0, 0.0), Verdict.NO_MATCH),
+        (found_with(kept=0.1), (0.0, 0.0), Verdict.CHANGED),
+        (found_with(agreement=0.45, kept=0.2), (0.0, 0.0), Verdict.CHANGED),
+        (found_with(sigma=0.3), (0.0, 0.0), Verdict.NO_TEXTURE),
+        # a window that lies by a shift lower in the piece is found by as much higher
+        (found_with(place=(22.0, 24.5)), (1.5, -1.0), None),
+        (found_with(place=(22.0, 24.5)), (0.0, 0.0), Verdict.NO_MATCH),
+    ],
+)
+def test_a_match_is_believed_by_what_it_says_of_itself(found, shift, verdict):
+    refused = unlikely(found, Peak(np.array(shift), 9.0, 1.0))
+    assert (None if refused is None else refused[0]) == verdict
 
 
 def test_the_floor_is_what_residuals_scatter_beyond_their_sigmas(rng):

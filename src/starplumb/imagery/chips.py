@@ -8,14 +8,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from .acquisition import Peak
 from .candidates import structure
-from .matching.least_squares import Match, match
+from .matching.least_squares import REACH_PX, Match, match
 from .matching.orientation import RIM_PX, agreement, orientation
 from .matching.template import Template
 from .pictures import Picture
 from .prediction import Piece, pieces
 from .scene import Scene
-from .search import located
+from .search import STANDS, located
 from .verdicts import Brightness, Candidate, Verdict
 
 Array = NDArray[np.float64]
@@ -28,11 +29,15 @@ SEARCH_PX = 5
 MARGIN_PX = 6
 AGREES = 0.25
 """Pixels around which window and template agree less than this are left out of the match."""
-LEAST_AGREEING = 0.25
-LEAST_KEPT = 0.2
+LEAST_AGREEING = 0.15
+LEAST_KEPT = 0.15
 """Parts of a chip's pixels that must agree at first, and bear weight in the end."""
-LEAST_AGREEMENT = 0.5
+LEAST_AGREEMENT = 0.4
 """Weighted correlation of window and template that a match must have."""
+LEAST_TOLD = 0.05
+"""Part of the window's power, its pixels without weight included, that the template must explain."""
+MOST_APART_PX = 1.0
+"""How far a match may lie from where the correlation stands out."""
 MOST_SIGMA_PX = 0.25
 FULL = 0.1
 """Part of a chip's pixels that may be saturated."""
@@ -93,29 +98,36 @@ def _chip(
         reason = "the reference or the heights do not cover its ground"
         return Chip(replace(candidate, verdict=Verdict.NO_REFERENCE, reason=reason), None)
     candidate = replace(candidate, p_J=piece.p_J)
-    seen = _sampled(piece, inner.shape[0])
+    seen = _sampled(piece, inner.shape[0], np.zeros(2))
     picture = Picture(*ids, seen.astype(np.float32), inner.astype(np.float32))
     if (refused := _unfit(scene, inner, window, brightness, flat)) is not None:
         return Chip(replace(candidate, verdict=refused[0], reason=refused[1]), picture)
-    coarse = Piece(piece.samples[::2, ::2], 1.0, piece.p_J)
-    best, surface = located(window, coarse, SEARCH_PX)
+    best, surface = looked_for(piece, window)
     away = tuple(float(x) for x in best.shift)
     picture = replace(picture, surface=surface.astype(np.float32), peak=(away[0], away[1]))
     candidate = replace(candidate, peak=best.height, second=best.second)
-    found, reason = matched(piece, window)
+    found, reason = matched(piece, window, best)
     if found is None:
-        verdict = Verdict.NO_MATCH
-        if reason == _UNLIKE:
-            bright = float(np.nanmean(inner)) >= brightness.high > brightness.median
-            verdict, reason = (Verdict.CLOUD, _BRIGHT) if bright else (Verdict.CHANGED, reason)
-        return Chip(replace(candidate, verdict=verdict, reason=reason), picture)
-    return _judged(candidate, picture, found, inner.shape[0])
+        verdict = Verdict.CHANGED if reason == _UNLIKE else Verdict.NO_MATCH
+    else:
+        picture, candidate = _shown(picture, found), _measured(candidate, found)
+        refused = unlikely(found, best)
+        if refused is None:
+            away = found.place_px - 0.5 * (inner.shape[0] - 1.0)
+            placed = {"pixel": candidate.pixel + away, "covariance_px2": found.covariance_px2}
+            return Chip(replace(candidate, verdict=Verdict.USED, **placed), picture)
+        verdict, reason = refused
+    if verdict != Verdict.NO_TEXTURE and brightness.clouded(inner):
+        verdict, reason = Verdict.CLOUD, f"partly as bright as cloud, and {reason}"
+    return Chip(replace(candidate, verdict=verdict, reason=reason), picture)
 
 
-_UNLIKE = (
-    "the window and the reference agree in too few of its pixels: changed ground, cloud or another season"
-)
-_BRIGHT = "bright, and unlike the reference: cloud"
+def looked_for(piece: Piece, window: Array) -> tuple[Peak, Array]:
+    """Where a window with a rim lies around the middle of a piece, by orientation correlation, and the surface."""
+    return located(window, Piece(piece.samples[::2, ::2], 1.0, piece.p_J), SEARCH_PX)
+
+
+_UNLIKE = "unlike the reference in nearly all of its pixels: changed ground, another season or cloud"
 
 
 def _unfit(
@@ -134,20 +146,18 @@ def _unfit(
     return None
 
 
-def _sampled(piece: Piece, size: int) -> Array:
-    """The piece at the pixels (n, n) of the window, as it was predicted."""
+def _sampled(piece: Piece, size: int, shift: Array) -> Array:
+    """The piece at the pixels (n, n) of the window, as it was predicted and then shifted."""
     at = 0.5 * (piece.samples.shape[0] - 1.0) + (np.arange(size) - 0.5 * (size - 1.0)) / STEP_PX
-    rows = np.rint(at).astype(int)
-    return piece.samples[np.ix_(rows, rows)]
+    rows, columns = (np.rint(at + s / STEP_PX).astype(int) for s in shift[::-1])
+    return piece.samples[np.ix_(rows, columns)]
 
 
-def matched(piece: Piece, window: Array) -> tuple[Match | None, str]:
-    """The match of a window with a rim, or why there is none; its place counts from the first pixel inside the rim."""
-    known = np.isfinite(piece.samples)
-    level = float(np.mean(piece.samples[known]))
-    template = Template(np.where(known, piece.samples, level), STEP_PX)
-    size = window.shape[0]
-    there = _sampled(piece, size)
+def matched(piece: Piece, window: Array, peak: Peak) -> tuple[Match | None, str]:
+    """The match of a window with a rim with a piece, sought from where their correlation stands out, else from the
+    middle, or why there is none; its place counts from the first pixel inside the rim."""
+    size, shift = window.shape[0], peak.shift if peak.height > STANDS else np.zeros(2)
+    there = _sampled(piece, size, shift)
     alike = agreement(orientation(window), orientation(there))
     use = (alike > AGREES) & np.isfinite(window) & np.isfinite(there)
     inside = slice(RIM_PX, size - RIM_PX)
@@ -155,45 +165,54 @@ def matched(piece: Piece, window: Array) -> tuple[Match | None, str]:
     if np.mean(use) < LEAST_AGREEING:
         return None, _UNLIKE
     inner = window[inside, inside]
-    found = match(template, inner, 0.5 * (np.array(inner.shape[::-1]) - 1.0), use)
+    found = match(_template(piece, size), inner, 0.5 * (np.array(inner.shape[::-1]) - 1.0) - shift, use)
     if found is None:
         return None, "no place within a few pixels where the match comes to rest"
     return found, ""
 
 
-def _judged(candidate: Candidate, picture: Picture, found: Match, size: int) -> Chip:
-    """A match, accepted or refused by what it says of itself."""
-    picture = replace(
+def _template(piece: Piece, size: int) -> Template:
+    """The piece as far as a window of this size with its rim may reach, what is unknown as bright as the rest."""
+    spare = max((piece.samples.shape[0] - int((size + 2.0 * REACH_PX) / STEP_PX)) // 2, 0)
+    samples = piece.samples[spare : piece.samples.shape[0] - spare, spare : piece.samples.shape[1] - spare]
+    known = np.isfinite(samples)
+    return Template(np.where(known, samples, np.mean(samples[known])), STEP_PX)
+
+
+def unlikely(found: Match, peak: Peak) -> tuple[Verdict, str] | None:
+    """Why a match is not to be believed by what it says of itself; None where it is."""
+    sigma = float(np.sqrt(np.linalg.eigvalsh(found.covariance_px2)[-1]))
+    agreement = abs(found.agreement)
+    if agreement < LEAST_AGREEMENT:
+        return Verdict.NO_MATCH, f"like the reference to {agreement:.2f} only"
+    if found.kept < LEAST_KEPT or agreement**2 * found.kept < LEAST_TOLD:
+        return Verdict.CHANGED, f"like the reference in {100.0 * found.kept:.0f} % of its pixels only"
+    if sigma > MOST_SIGMA_PX:
+        return Verdict.NO_TEXTURE, f"its place has a sigma of {sigma:.2g} px along one direction"
+    middle = 0.5 * (np.array(found.residual.shape[::-1]) - 1.0)
+    apart = float(np.hypot(*(found.place_px - middle + peak.shift)))
+    if peak.height > STANDS and apart > MOST_APART_PX:
+        return Verdict.NO_MATCH, f"its match lies {apart:.1f} px from where its correlation stands out"
+    return None
+
+
+def _shown(picture: Picture, found: Match) -> Picture:
+    return replace(
         picture,
         residual=found.residual.astype(np.float32),
         weight=found.weight.astype(np.float32),
         covariance_px2=_pairs(found.covariance_px2),
     )
-    candidate = replace(
+
+
+def _measured(candidate: Candidate, found: Match) -> Candidate:
+    return replace(
         candidate,
         agreement=found.agreement,
         kept=found.kept,
         gain=found.gain,
         blur_px=found.blur_px,
     )
-    sigma = float(np.sqrt(np.linalg.eigvalsh(found.covariance_px2)[-1]))
-    away = found.place_px - 0.5 * (size - 1.0)
-    if abs(found.agreement) < LEAST_AGREEMENT:
-        reason = f"the window is like the reference to {abs(found.agreement):.2f} only"
-        return Chip(replace(candidate, verdict=Verdict.NO_MATCH, reason=reason), picture)
-    if found.kept < LEAST_KEPT:
-        reason = f"{100.0 * found.kept:.0f} % of its pixels only are like the reference"
-        return Chip(replace(candidate, verdict=Verdict.CHANGED, reason=reason), picture)
-    if sigma > MOST_SIGMA_PX:
-        reason = f"its place has a sigma of {sigma:.2g} px along one direction"
-        return Chip(replace(candidate, verdict=Verdict.NO_TEXTURE, reason=reason), picture)
-    placed = replace(
-        candidate,
-        verdict=Verdict.USED,
-        pixel=candidate.pixel + away,
-        covariance_px2=found.covariance_px2,
-    )
-    return Chip(placed, picture)
 
 
 def _pairs(covariance: Array) -> tuple[tuple[float, float], tuple[float, float]]:

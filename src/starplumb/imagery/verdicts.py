@@ -11,6 +11,12 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
+SKEWED = 1.5
+"""How many times as far values of a clouded image reach above their median as below it."""
+CLOUDED = 0.15
+"""Part of a window that is bright where cloud is the reason."""
+
+
 class Verdict(StrEnum):
     """``used``, or why not."""
 
@@ -78,6 +84,15 @@ class Brightness:
             return cls(np.nan, np.nan, np.nan, np.nan)
         low, median, high = np.quantile(known, (0.05, 0.5, 0.95))
         return cls(float(low), float(median), float(high), float(np.std(known)))
+
+    def clouded(self, window: Array) -> bool:
+        """Whether so much of a window is as bright as the clouds of its image that these may be why it was refused.
+
+        An image has clouds where its values reach farther above the median than below it.
+        """
+        known = window[np.isfinite(window)]
+        clouds = self.high - self.median > SKEWED * (self.median - self.low)
+        return bool(clouds) and float(np.mean(known > 0.5 * (self.median + self.high))) > CLOUDED
 
     def bare(self, window: Array) -> tuple[Verdict, str]:
         """What a window without texture shows: it is told by its brightness among that of its image."""

@@ -11,6 +11,8 @@ with cross sectional dependence, Journal of Econometrics 92 (1999).
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,13 +24,18 @@ LAG_PX = 5
 
 def long_run(scores: Array, lag: int = LAG_PX) -> Array:
     """Covariance (p, p) of the sum of scores (h, w, p) of pixels that are correlated over at most ``lag`` pixels."""
-    from scipy.ndimage import correlate1d
-
-    taper = 1.0 - np.abs(np.arange(-lag, lag + 1.0)) / (lag + 1.0)
-    near = correlate1d(correlate1d(scores, taper, axis=0, mode="constant"), taper, axis=1, mode="constant")
+    down, across = (_taper(n, lag) for n in scores.shape[:2])
+    near = np.moveaxis(down @ np.moveaxis(scores, -1, 0) @ across, 0, -1)
     p = scores.shape[-1]
     M = scores.reshape(-1, p).mT @ near.reshape(-1, p)
     return np.asarray(0.5 * (M + M.mT))
+
+
+@cache
+def _taper(n: int, lag: int) -> Array:
+    """Weights (n, n) of the pairs of n pixels of a line."""
+    away = np.abs(np.arange(n)[:, None] - np.arange(n))
+    return np.asarray(np.maximum(1.0 - away / (lag + 1.0), 0.0))
 
 
 def inverted(N: Array) -> Array:

@@ -70,18 +70,26 @@ class Whitener:
             return values
         filtered = values.copy()
         for a, lag in zip(self.coefficients.tolist(), _BEFORE, strict=True):
-            filtered -= a * _moved(values, *lag)
+            to, of = _overlap(values.shape, *lag)
+            filtered[to] -= a * values[of]
         return filtered
 
 
 def _moved(values: Array, rows: int, columns: int) -> Array:
     """At each pixel the value ``rows`` and ``columns`` on from it, 0 beyond the border."""
     moved = np.zeros_like(values)
-    n, m = values.shape[:2]
-    to = slice(max(-rows, 0), n - max(rows, 0)), slice(max(-columns, 0), m - max(columns, 0))
-    of = slice(max(rows, 0), n - max(-rows, 0)), slice(max(columns, 0), m - max(-columns, 0))
+    to, of = _overlap(values.shape, rows, columns)
     moved[to] = values[of]
     return moved
+
+
+def _overlap(
+    shape: tuple[int, ...], rows: int, columns: int
+) -> tuple[tuple[slice, slice], tuple[slice, slice]]:
+    """The pixels that have another ``rows`` and ``columns`` on, and those others."""
+    n, m = shape[:2]
+    to = slice(max(-rows, 0), n - max(rows, 0)), slice(max(-columns, 0), m - max(columns, 0))
+    return to, (slice(max(rows, 0), n - max(-rows, 0)), slice(max(columns, 0), m - max(-columns, 0)))
 
 
 def _whole(good: Bools) -> Bools:

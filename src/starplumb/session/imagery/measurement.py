@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...imagery.chain import MeasuredImage
+from ...imagery.own_scatter import seen_of_reference
 from ...imagery.scene import Scene
 from ...imagery.targets.chain import TargetScene
 from ...io.campaign.files import names_of
@@ -75,10 +76,13 @@ class Measurement(Shown):
         measured = [image for image in self.images if not image.reason]
         if not any(image.floor_px for image in measured):
             return 0.0
-        size = np.median([self._pixel_m(image) for image in measured])
-        floor = float(np.sqrt(np.mean([image.floor_px**2 for image in measured])))
-        reference = float(np.hypot(*self._reference.sigma_m[:2])) / np.sqrt(2.0) / size
-        return float(np.sqrt(max(floor**2 - reference**2, 0.0)))
+        scene = self.scene
+        assert isinstance(scene, Scene)
+        sigma, length = self._reference.sigma_m, self._reference.correlation_length_m
+        beyond = [
+            image.floor_px**2 - seen_of_reference(scene, image, sigma, length or 0.0) for image in measured
+        ]
+        return float(np.sqrt(max(float(np.mean(beyond)), 0.0)))
 
     @cached_property
     def document(self) -> dict[str, Any]:
@@ -171,11 +175,6 @@ class Measurement(Shown):
     @property
     def _reference(self) -> Any:
         return self.loaded.config.reference
-
-    def _pixel_m(self, image: MeasuredImage) -> float:
-        size = self.scene.raws[image.image].size_px
-        assert isinstance(self.scene, Scene)
-        return self.scene.pixel_m(image.C_EK, image.image, 0.5 * np.array(size, dtype=np.float64))
 
 
 def require_place(folder: Path, campaign: Path) -> None:
