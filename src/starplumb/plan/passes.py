@@ -46,21 +46,27 @@ class SampledOrbit:
 def look_angles(
     orbit: Orbit, orientation: Orientation, epoch_ns: int, time_s: Array, p_J: Array
 ) -> tuple[Array, Array]:
-    """Pitch (ahead) and roll (to the left), rad, at which an orbiting camera sees a point p_J (3,) at times (...)."""
-    r_I, v_I = orbit.at(time_s)
-    p_I = orientation.C_IJ(epochs_ns(epoch_ns, time_s)) @ p_J
-    x, y, z = np.moveaxis((C_RO(r_I, v_I).mT @ (p_I - r_I)[..., None])[..., 0], -1, 0)
+    """Pitch (ahead) and roll (to the left), rad, at which an orbiting camera sees p_J (..., 3) at times (...)."""
+    x, y, z = np.moveaxis(_in_orbital_frame(orbit, orientation, epoch_ns, time_s, p_J), -1, 0)
     return np.arctan2(x, z), np.arctan2(-y, z)
 
 
-def times_at_pitch(
-    orbit: Orbit, orientation: Orientation, epoch_ns: int, near_s: float, p_J: Array, pitch: Array
+def _in_orbital_frame(
+    orbit: Orbit, orientation: Orientation, epoch_ns: int, time_s: Array, p_J: Array
 ) -> Array:
-    """Times (m,) at which a pass about ``near_s`` sees a point p_J (3,) at pitch angles (m,) rad.
+    r_I, v_I = orbit.at(time_s)
+    p_I = (orientation.C_IJ(epochs_ns(epoch_ns, time_s)) @ p_J[..., None])[..., 0]
+    return np.asarray((C_RO(r_I, v_I).mT @ (p_I - r_I)[..., None])[..., 0])
+
+
+def times_at_pitch(
+    orbit: Orbit, orientation: Orientation, epoch_ns: int, near_s: ArrayLike, p_J: Array, pitch: Array
+) -> Array:
+    """Times (m,) at which passes about ``near_s`` see points p_J (3,) or (m, 3) at pitch angles (m,) rad.
 
     Raises InputError for an angle at which the pass does not see the point.
     """
-    time = near_s + np.zeros_like(pitch)
+    time: Array = np.asarray(near_s, dtype=np.float64) + np.zeros_like(pitch)
     for _ in range(_STEPS):
         ahead = look_angles(orbit, orientation, epoch_ns, time, p_J)[0] - pitch
         if np.all(np.abs(ahead) < _ANGLE):

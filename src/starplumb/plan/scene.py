@@ -72,12 +72,17 @@ def held_attitude(
     orbit: Orbit, orientation: Orientation, epoch_ns: int, flight: Pass, sample_s: Array, C_EK: Array
 ) -> Array:
     """True C_EI (m, s, 3, 3) of images that keep their orientation in the orbital frame while they are taken."""
-    r_I, v_I = orbit.at(flight.time_s)
-    aim_I = (orientation.C_IJ(epochs_ns(epoch_ns, flight.time_s)) @ flight.aim_J[..., None])[..., 0]
-    C_IK = pointing(r_I, _scene_velocity(r_I, v_I, aim_I), aim_I, flight.yaw)
-    C_OK = C_RO(r_I, v_I).mT @ C_IK
+    C_IK = aimed(orbit, orientation, epoch_ns, flight)
+    C_OK = C_RO(*orbit.at(flight.time_s)).mT @ C_IK
     C_IO = C_RO(*orbit.at(sample_s))
     return np.asarray((C_IO @ C_OK[:, None] @ C_EK.mT).mT)
+
+
+def aimed(orbit: Orbit, orientation: Orientation, epoch_ns: int, flight: Pass) -> Array:
+    """C_IK (m, 3, 3) of a camera that looks at the aims of images at their times, rows following the ground."""
+    r_I, v_I = orbit.at(flight.time_s)
+    aim_I = (orientation.C_IJ(epochs_ns(epoch_ns, flight.time_s)) @ flight.aim_J[..., None])[..., 0]
+    return pointing(r_I, _scene_velocity(r_I, v_I, aim_I), aim_I, flight.yaw)
 
 
 def _scene_velocity(r_I: Array, v_I: Array, aim_I: Array) -> Array:
@@ -169,6 +174,12 @@ def mark_site(campaign: Campaign, p_J: Array, sigmas: Sigmas) -> Campaign:
     """The campaign with landmarks p_J (L, 3) sighted in every image whose frame they fall into."""
     m, L = len(campaign.images.ids), len(p_J)
     image, landmark = np.repeat(np.arange(m), L), np.tile(np.arange(L), m)
+    return mark_pairs(campaign, p_J, image, landmark, sigmas)
+
+
+def mark_pairs(campaign: Campaign, p_J: Array, image: Index, landmark: Index, sigmas: Sigmas) -> Campaign:
+    """The campaign with landmarks p_J (L, 3), sighted where they fall into the frame of an image: landmarks (n,) in
+    images (n,)."""
     if campaign.camera.scans:
         near = in_footprint(campaign, image, p_J[landmark])
         image, landmark = image[near], landmark[near]

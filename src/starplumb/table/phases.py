@@ -109,8 +109,8 @@ def _fitted(t: Array, u: Array, rate: float) -> tuple[float, float, Array]:
     )
 
 
-def sun_beta(t_ns: Epochs, r_J: Array, v_J: Array) -> Array:
-    """Height (...) of the Sun above the orbit's plane, rad, positive on the side of the orbit's normal; to 0.02 deg.
+def sun_J(t_ns: Epochs) -> Array:
+    """Direction (..., 3) of the Sun; to 0.02 deg.
 
     Source: Astronomical Almanac, low-precision formulas for the Sun and for Greenwich mean sidereal time.
     """
@@ -122,9 +122,13 @@ def sun_beta(t_ns: Epochs, r_J: Array, v_J: Array) -> Array:
     turn = DEG * (280.46061837 + 360.98564736629 * (d + (_utc_minus_tai(t_ns) - 32.184) / 86400.0))
     # the Sun's right ascension and declination, then its direction in the Earth's axes
     x, y, z = np.cos(longitude), np.cos(tilt) * np.sin(longitude), np.sin(tilt) * np.sin(longitude)
-    sun_J = np.stack([np.cos(turn) * x + np.sin(turn) * y, np.cos(turn) * y - np.sin(turn) * x, z], axis=-1)
+    return np.stack([np.cos(turn) * x + np.sin(turn) * y, np.cos(turn) * y - np.sin(turn) * x, z], axis=-1)
+
+
+def sun_beta(t_ns: Epochs, r_J: Array, v_J: Array) -> Array:
+    """Height (...) of the Sun above the orbit's plane, rad, positive on the side of the orbit's normal; to 0.02 deg."""
     h = np.cross(r_J, inertial_velocity(r_J, v_J))
-    sine = np.sum(h * sun_J, axis=-1) / np.linalg.norm(h, axis=-1)
+    sine = np.sum(h * sun_J(t_ns), axis=-1) / np.linalg.norm(h, axis=-1)
     return np.asarray(np.arcsin(np.clip(sine, -1.0, 1.0)))
 
 

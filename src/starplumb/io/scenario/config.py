@@ -242,6 +242,38 @@ class MarkersConfig(Section):
             yield from fitting(cls, given, case, _LAYOUTS[layout, on], optional)
 
 
+class PlanConfig(Section):
+    """[plan]: what ``starplumb plan`` may choose from; left out, as the defaults say."""
+
+    start: Text | None = Field(default=None, description="when the plan begins (left out: scenario.epoch)")
+    days: Positive = Field(default=30.0, description="the span of the plan in days")
+    sites: Text | None = Field(default=None, description="the name of a table of sites")
+    max_look_deg: Annotated[
+        float, BeforeValidator(number("degrees from 1 to 45", lambda x: 1.0 <= x <= 45.0))
+    ] = Field(default=30.0, description="the largest angle off nadir, degrees")
+    min_sun_deg: Annotated[
+        float, BeforeValidator(number("degrees from -90 to 90", lambda x: abs(x) <= 90.0))
+    ] = Field(default=10.0, description="the least height of the Sun, degrees")
+    pitch_deg: Numbers = Field(
+        default=(-20.0, -10.0, 0.0, 10.0, 20.0), description="the pitch angles to choose from, degrees"
+    )
+    yaw_deg: Numbers | None = Field(
+        default=None, description="the turns about the boresight to choose from, degrees"
+    )
+    slew_deg_s: Positive = Field(default=2.0, description="the rate of a turn, degrees per second")
+    settle_s: NotNegative = Field(default=5.0, description="the time a turn takes besides, s")
+    per_pass: Annotated[int, Field(ge=1)] | None = Field(
+        default=None, description="the most images of a pass, a whole number"
+    )
+
+    @classmethod
+    def rules(cls, given: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+        pitch = given.get("pitch_deg", ())
+        for value in pitch if isinstance(pitch, list) else [pitch]:
+            if isinstance(value, int | float) and abs(value) > 45.0:
+                yield "pitch_deg", f"found {show(value)}, wanted degrees from -45 to 45"
+
+
 class ScenarioConfig(Section):
     """The whole of SCENARIO.toml."""
 
@@ -262,6 +294,7 @@ class ScenarioConfig(Section):
     )
     truth: dict[str, ErrorConfig] = Field(description="sections [truth.NAME], the sources of error")
     stated: StatedConfig = Field(default_factory=lambda: StatedConfig(), description="the section [stated]")
+    plan: PlanConfig = Field(default_factory=lambda: PlanConfig(), description="the section [plan]")
 
     @classmethod
     def rules(cls, given: Mapping[str, Any]) -> Iterator[tuple[str, str]]:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
 from importlib.resources import files as package_files
 from pathlib import Path
 from typing import Any
@@ -11,15 +12,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...physics.camera import Camera, LineScanCamera
-from ...physics.earth import WGS84_A
+from ...physics.camera import Camera
 from ...physics.errors import InputError
-from ...physics.light import Corrections
 from ...physics.orbit import KeplerOrbit, Orbit
 from ...physics.orientation import EarthOrientation
 from ...physics.timescales import parse
 from ...physics.units import ARCSEC, DEG
-from ...plan import marker_layout as layout
 from ...plan import passes, scene
 from ...plan.error_catalogue import Flight
 from ...plan.scenario import Initial, Scenario
@@ -28,19 +26,25 @@ from ...table.campaign import Campaign
 from ...table.error_sources import Distribution
 from ...table.geometry import observe
 from ..campaign.attitude import model_mounting
-from ..campaign.camera import read_camera
-from ..campaign.config import EphemerisConfig
 from ..text.files import nearest
 from ..text.toml import check, plain, read_toml
-from .config import MarkersConfig, OrbitConfig, ScenarioConfig
+from .config import ScenarioConfig
 from .errors import error_sources
+from .parts import (
+    UNSTATED,
+    camera_of,
+    corrections,
+    file_orbit,
+    kepler,
+    offsets,
+    square_period,
+    unit_layout,
+)
 
 Array = NDArray[np.float64]
 
 SHIPPED = "scenarios"
 """Folder of the package that holds the shipped scenarios."""
-FILE_MARGIN_S = 1200.0
-"""How far about the images a SPICE kernel is read."""
 
 
 def shipped_scenarios() -> dict[str, Path]:
@@ -70,26 +74,51 @@ def load_scenario(source: Mapping[str, Any] | Path | str, folder: Path | None = 
     it names stand relative to ``folder`` (left out: the working directory; for a file: its own folder).  The checks and
     their sentences are the same for all three.  Raises InputError, one line with all that is wrong.
     """
+    return read_scenario(source, folder).built
+
+
+@dataclass(frozen=True)
+class Read:
+    """A scenario's checked document, what it is called in messages, and the folder that its files are relative to."""
+
+    config: ScenarioConfig
+    name: Path
+    folder: Path
+
+    @property
+    def built(self) -> Scenario:
+        """The scenario itself."""
+        with self.named():
+            return build(self.config, self.folder)
+
+    @contextmanager
+    def named(self) -> Iterator[None]:
+        """Where what is wrong with the scenario is said of its file, or of one that it names."""
+        config, folder = self.config, self.folder
+        try:
+            yield
+        except InputError as error:
+            named = (config.orbit.file, config.camera.look_angles, config.markers.file)
+            says_file = str(error).startswith(tuple(str(folder / file) for file in named if file is not None))
+            raise error if says_file else InputError(f"{self.name}: {error}") from None
+
+
+def read_scenario(source: Mapping[str, Any] | Path | str, folder: Path | None = None) -> Read:
+    """The checked document of :func:`load_scenario`, nothing being built of it yet."""
     if isinstance(source, Mapping):
         name, document = Path("scenario"), plain(source)
         folder = Path() if folder is None else folder
     else:
         name = find_scenario(source) if isinstance(source, str) else source
         document, folder = read_toml(name), name.parent if folder is None else folder
-    config = check(document, ScenarioConfig, name)
-    try:
-        return build(config, folder)
-    except InputError as error:
-        named = (config.orbit.file, config.camera.look_angles, config.markers.file)
-        says_file = str(error).startswith(tuple(str(folder / file) for file in named if file is not None))
-        raise error if says_file else InputError(f"{name}: {error}") from None
+    return Read(check(document, ScenarioConfig, name), name, folder)
 
 
 def build(config: ScenarioConfig, folder: Path) -> Scenario:
     """The scenario of a checked document; the files it names stand relative to ``folder``."""
     rng = np.random.default_rng(config.scenario.scene_seed)
     C_EK = np.eye(3) if config.mounting is None else model_mounting(config.mounting)
-    camera = _camera(config, folder)
+    camera = camera_of(config, folder)
     unmarked, pass_of_image = _fly(config, folder, camera, C_EK, rng)
     session_of_image = _sessions(config)[pass_of_image]
     campaign = _mark(config, folder, unmarked, rng)
@@ -113,50 +142,6 @@ def build(config: ScenarioConfig, folder: Path) -> Scenario:
     )
 
 
-def _camera(config: ScenarioConfig, folder: Path) -> Camera:
-    table = config.camera.look_angles
-    camera = read_camera(config.camera, None if table is None else folder / table, [])
-    size = config.camera.image_size_px
-    if isinstance(camera, LineScanCamera):
-        if size is None:
-            raise InputError(
-                "camera.image_size_px: missing, wanted two positive whole numbers, columns and rows"
-            )
-        return replace(camera, size_px=(camera.size_px[0], float(size[1])))
-    return camera
-
-
-def _kepler(orbit: OrbitConfig) -> KeplerOrbit:
-    if orbit.model == "circular":
-        a = WGS84_A + 1e3 * (orbit.altitude_km or 0.0)
-    else:
-        a = 1e3 * (orbit.semi_major_axis_km or 0.0)
-    angles = (orbit.inclination_deg, orbit.node_deg, orbit.perigee_deg, orbit.mean_anomaly_deg)
-    inclination, node, perigee, anomaly = (DEG * (angle or 0.0) for angle in angles)
-    shape = KeplerOrbit(a, orbit.eccentricity or 0.0, inclination, node, perigee, anomaly)
-    if a * (1.0 - shape.eccentricity) < WGS84_A + 1e5:
-        raise InputError(
-            f"orbit: found a perigee {(a * (1.0 - shape.eccentricity) - WGS84_A) / 1e3:.0f} km above the "
-            "equator, wanted more than 100 km"
-        )
-    return shape
-
-
-def _file_orbit(
-    config: ScenarioConfig, folder: Path, orientation: EarthOrientation, epoch_ns: int
-) -> passes.SampledOrbit:
-    from ..campaign.motion import read_ephemeris
-
-    orbit, times = config.orbit, config.images.times_s or tuple(flight.time_s for flight in config.passes)
-    assert orbit.file is not None  # the document's rules saw to both
-    assert orbit.frame is not None
-    around = scene.epochs_ns(epoch_ns, [min(times) - FILE_MARGIN_S, max(times) + FILE_MARGIN_S])
-    about = EphemerisConfig(file=orbit.file, frame=orbit.frame, sigma_m=(0.0, 0.0, 0.0), object=orbit.object)
-    scale = config.scenario.time_scale
-    ephemeris = read_ephemeris(folder / orbit.file, about, scale, around, orientation, [])
-    return passes.SampledOrbit(ephemeris, orientation, epoch_ns)
-
-
 def _fly(
     config: ScenarioConfig, folder: Path, camera: Camera, C_EK: Array, rng: np.random.Generator
 ) -> tuple[Campaign, NDArray[np.int64]]:
@@ -164,8 +149,8 @@ def _fly(
     orientation = EarthOrientation.load()
     epoch_ns = int(parse([config.scenario.epoch], config.scenario.time_scale)[0])
     from_file = config.orbit.model == "file"
-    orbit: Orbit = _file_orbit(config, folder, orientation, epoch_ns) if from_file else _kepler(config.orbit)
-    period = config.images.line_period_s or _square_period(camera, orbit)
+    orbit: Orbit = file_orbit(config, folder, orientation, epoch_ns) if from_file else kepler(config.orbit)
+    period = config.images.line_period_s or square_period(camera, orbit)
 
     def photograph(orbit: Orbit, epoch_ns: int, flight: scene.Pass) -> Campaign:
         return scene.photograph(
@@ -175,8 +160,8 @@ def _fly(
             epoch_ns,
             flight,
             C_EK,
-            _UNSTATED,
-            _corrections(config),
+            UNSTATED,
+            corrections(config),
             period,
             config.scenario.name,
         )
@@ -212,24 +197,6 @@ def _sessions(config: ScenarioConfig) -> NDArray[np.int64]:
     return sharing.numbered([f"{number} {name}" for number, name in named])
 
 
-_UNSTATED = scene.Sigmas(np.zeros(3), np.zeros(3), np.zeros(3), 1.0)
-"""A true scene states no error; its sources do."""
-
-
-def _corrections(config: ScenarioConfig) -> Corrections:
-    switches = config.corrections
-    return Corrections(switches.light_time, switches.aberration, switches.refraction)
-
-
-def _square_period(camera: Camera, orbit: Orbit) -> float:
-    """Duration of a row that makes a pixel as long as it is wide, at nadir, s."""
-    if not isinstance(camera, LineScanCamera):
-        return 0.0
-    r, v = (float(np.linalg.norm(x)) for x in orbit.at(0.0))
-    pixel = abs(camera.tan_x[-1] - camera.tan_x[0]) / (camera.column_px[-1] - camera.column_px[0])
-    return float(pixel * (r - WGS84_A) / (v * WGS84_A / r))
-
-
 def _plan_pass(
     config: ScenarioConfig,
     number: int,
@@ -262,34 +229,19 @@ def _mark(config: ScenarioConfig, folder: Path, campaign: Campaign, rng: np.rand
     if markers.layout == "file":
         from ..campaign.marks.landmarks import read_landmarks
 
-        return scene.mark_site(campaign, read_landmarks(folder / str(markers.file), []).r_J, _UNSTATED)
+        return scene.mark_site(campaign, read_landmarks(folder / str(markers.file), []).r_J, UNSTATED)
     if markers.on == "site":
         site = config.site
         assert site is not None  # the document's rules saw to it
-        offset = 1e3 * _offsets(markers, rng)
+        offset = 1e3 * offsets(markers, rng)
         height = rng.uniform(*markers.height_m, len(offset))
         place = (DEG * site.latitude_deg, DEG * site.longitude_deg)
-        return scene.mark_site(campaign, scene.site_grid(*place, height, offset), _UNSTATED)
+        return scene.mark_site(campaign, scene.site_grid(*place, height, offset), UNSTATED)
     columns, rows = campaign.camera.size_px
     middle = 0.5 * np.array([columns - 1.0, rows - 1.0])
     m = len(campaign.images.ids)
     pixel = np.concatenate(
-        [middle + (markers.extent or 1.0) * middle * _unit_layout(markers, rng) for _ in range(m)]
+        [middle + (markers.extent or 1.0) * middle * unit_layout(markers, rng) for _ in range(m)]
     )
     height = rng.uniform(*markers.height_m, len(pixel))
-    return scene.mark_pixels(campaign, np.repeat(np.arange(m), len(pixel) // m), pixel, height, _UNSTATED)
-
-
-def _offsets(markers: MarkersConfig, rng: np.random.Generator) -> Array:
-    """Offsets east and north of the site, km."""
-    if markers.east_north_km is not None:
-        return np.array(markers.east_north_km)
-    return 0.5 * np.array(markers.extent_km) * _unit_layout(markers, rng)
-
-
-def _unit_layout(markers: MarkersConfig, rng: np.random.Generator) -> Array:
-    count = markers.count or (1,)
-    if markers.layout == "grid":
-        return layout.grid(count[0], count[-1])
-    total = int(np.prod(count))
-    return layout.ring(total) if markers.layout == "ring" else layout.scattered(total, rng)
+    return scene.mark_pixels(campaign, np.repeat(np.arange(m), len(pixel) // m), pixel, height, UNSTATED)
