@@ -23,6 +23,8 @@ from .session.mission.archive import Archive as Archive
 from .session.mission.archive import open_archive as open_archive
 from .session.motion.prediction import Prediction as Prediction
 from .session.motion.prediction import predict as predict
+from .session.planning.plan import Plan as Plan
+from .session.planning.plan import plan_images as plan_images
 from .session.result import Result as Result
 from .session.scenario import Scenario as Scenario
 from .session.scenario import scenario as scenario

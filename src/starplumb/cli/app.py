@@ -27,6 +27,7 @@ COMMANDS = {
     "points": "files.points",
     "simulate": "simulate",
     "budget": "budget",
+    "plan": "plan",
     "reproduce": "reproduce",
     "schema": "files.schema",
     "archive": "archive.verbs",

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
-from ..io.scenario.read import load_scenario
+from ..io.scenario.read import Read, read_scenario
 from ..plan.scenario import Scenario as Data
 from .arguments import checked
 from .show import Shown
@@ -15,11 +15,13 @@ from .show import Shown
 
 @dataclass(frozen=True, repr=False, eq=False)
 class Scenario(Shown):
-    """A scenario that was read and checked; ``data`` holds the scene and its error sources, in SI units."""
+    """A scenario that was read and checked; ``data`` holds the scene and its error sources, in SI units, ``read``
+    what its document says."""
 
     made_by: ClassVar[str] = "scenario"
 
     data: Data
+    read: Read
 
     @property
     def name(self) -> str:
@@ -41,4 +43,5 @@ def scenario(source: Mapping[str, Any] | str | Path) -> Scenario:
 
     Raises InputError, one line with all that is wrong.
     """
-    return Scenario(load_scenario(source))
+    found = read_scenario(source)
+    return Scenario(found.built, found)

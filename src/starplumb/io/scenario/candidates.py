@@ -245,7 +245,7 @@ def candidate_information(s: Stage, views: Views, sites: Sites, P_theta: Array) 
     config, level = to_choose_by(s.config, s.on_site)
     on = ground(s, sites)
     N: Array | None = None
-    sizes = (3, 0, 0, 0)
+    sizes, names = (3, 0, 0), tuple[str, ...]()
     for chosen in layers(views, s.exposed_s):
         campaign = marked(s, unmarked(s, views, chosen), sites, views.site[chosen], on)
         o = observe(campaign)
@@ -261,13 +261,13 @@ def candidate_information(s: Stage, views: Views, sites: Sites, P_theta: Array) 
             3 + parts.campaign.shape[-1],
             parts.of_pass.shape[-1],
             parts.network.shape[-1] + parts.modes.shape[-1],
-            0,
         )
+        names = parts.names
     if N is None:
         raise InputError("found no marker in any view, wanted sites with markers in the frame")
     known = np.ones(N.shape[-1])
     known[:3] = np.sqrt(np.diagonal(P_theta))
-    return Information(factors(N, known), *sizes[:3], views.pass_of, views.site)
+    return Information(factors(N, known), *sizes, views.pass_of, views.site, names)
 
 
 def chosen_scenario(s: Stage, views: Views, sites: Sites, picks: Index) -> Scenario:

@@ -14,7 +14,7 @@ whole group, whose seven draws F are kept for the site, and the rest counts as t
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -42,7 +42,7 @@ class Information:
     """What n images tell: ``N_i = factor_i factor_i^T`` over its own unknowns [mounting, campaign | pass | site].
 
     ``factor`` (n, d, r) with d = common + of_pass + of_site, the mounting in rad, draws in sigmas; ``pass_of`` and
-    ``site_of`` (n,) number the pass and the site of each.
+    ``site_of`` (n,) number the pass and the site of each; ``names`` (d,) the source of each unknown.
     """
 
     factor: Array
@@ -51,6 +51,7 @@ class Information:
     of_site: int
     pass_of: Index
     site_of: Index
+    names: tuple[str, ...]
 
     @property
     def n(self) -> int:
@@ -58,19 +59,28 @@ class Information:
 
     def only(self, chosen: Index) -> Information:
         """Of some of the images."""
-        return Information(
-            self.factor[chosen],
-            self.common,
-            self.of_pass,
-            self.of_site,
-            self.pass_of[chosen],
-            self.site_of[chosen],
+        return replace(
+            self, factor=self.factor[chosen], pass_of=self.pass_of[chosen], site_of=self.site_of[chosen]
         )
 
     def weighted(self, part: Array) -> Information:
         """With a part (n,) of what each tells, as of images that may turn out cloudy."""
-        factor = self.factor * np.sqrt(part)[:, None, None]
-        return Information(factor, self.common, self.of_pass, self.of_site, self.pass_of, self.site_of)
+        return replace(self, factor=self.factor * np.sqrt(part)[:, None, None])
+
+    @property
+    def sources(self) -> tuple[str, ...]:
+        """The sources of error that images share."""
+        return tuple(dict.fromkeys(self.names[3:]))
+
+    def without(self, source: str) -> Information:
+        """As if the errors of a source were known."""
+        kept = np.array([name != source for name in self.names])
+        ends = np.cumsum([self.common, self.of_pass, self.of_site])
+        common, of_pass, of_site = (int(np.sum(part)) for part in np.split(kept, ends[:-1]))
+        names = tuple(name for name in self.names if name != source)
+        return replace(
+            self, factor=self.factor[:, kept], common=common, of_pass=of_pass, of_site=of_site, names=names
+        )
 
 
 @dataclass(frozen=True)
@@ -83,6 +93,7 @@ class Blocks:
     of_pass: Array
     network: Array
     modes: Array
+    names: tuple[str, ...]
 
 
 def blocks(
@@ -98,6 +109,13 @@ def blocks(
     markers = [s for s in sources if level[s.name] == "marker"]
     for source in sources:
         found.setdefault(level[source.name], []).append(Effect.of(source, o, model).block)
+    names = [
+        s.name
+        for key in ("campaign", "pass", "network")
+        for s in sources
+        if level[s.name] == key
+        for _ in s.component
+    ]
     joined = {key: np.concatenate(parts, axis=-1) for key, parts in found.items()}
     nothing = np.zeros((o.n, 2, 0))
     own, marker = joined.get("sighting", nothing), joined.get("marker", nothing)
@@ -106,6 +124,7 @@ def blocks(
         gain = np.concatenate([source.gain for source in markers], axis=-1)
         r_J = _places(o, len(gain))
         modes = marker @ _modes(r_J, gain, site_of_landmark)[o.landmark]
+        names += [" and ".join(source.name for source in markers)] * MODES
     return Blocks(
         own @ own.mT + marker @ marker.mT,
         joined.get("image", nothing),
@@ -113,6 +132,7 @@ def blocks(
         joined.get("pass", nothing),
         joined.get("network", nothing),
         modes,
+        ("", "", "", *names),
     )
 
 

@@ -13,6 +13,7 @@ axis, so that every step is a few long loops.
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -81,9 +82,20 @@ class State:
         )
         self.B = np.tensordot(design.root.T, PU[:3], axes=(1, 0))
 
+    def copy(self) -> State:
+        """The same, to be changed by itself."""
+        other = copy(self)
+        other.P, other.K, other.B, other.slot = self.P.copy(), self.K.copy(), self.B.copy(), dict(self.slot)
+        return other
+
     @property
     def value(self) -> float:
         return self.design.value(self.P)
+
+    @property
+    def sigma(self) -> float:
+        """Standard deviation of the mounting about the axis known worst, rad."""
+        return float(np.sqrt(np.max(np.diagonal(self.P)[:3])))
 
     def gains(self) -> Array:
         """By how much each candidate would lower the criterion, (n,) m^2."""
@@ -185,10 +197,13 @@ class Limits:
         return np.asarray(out | full[self.pass_of])
 
 
-def greedy(state: State, limits: Limits, count: int, among: Mask | None = None) -> list[int]:
-    """Up to ``count`` candidates (of those ``among``), each the best beside the ones before it."""
+def greedy(
+    state: State, limits: Limits, count: int, among: Mask | None = None, sigma: float = 0.0
+) -> list[int]:
+    """Up to ``count`` candidates (of those ``among``), each the best beside the ones before it, until the mounting is
+    known to ``sigma`` rad about each axis."""
     picks: list[int] = []
-    while len(picks) < count:
+    while len(picks) < count and state.sigma > sigma:
         gain = state.gains()
         gain[limits.blocked(picks)] = -1.0
         if among is not None:
@@ -199,6 +214,20 @@ def greedy(state: State, limits: Limits, count: int, among: Mask | None = None) 
         state.change(j)
         picks.append(j)
     return picks
+
+
+def best_first(design: Design, picks: list[int]) -> tuple[list[int], list[Array]]:
+    """The same images, the one that is worth most first, and the covariance (3, 3) of the mounting after each."""
+    mine = Design(design.information.only(np.array(picks)), design.P_theta, design.W)
+    state, free = State(mine), np.ones(len(picks), dtype=np.bool_)
+    order, known = [], []
+    for _ in picks:
+        j = int(np.argmax(np.where(free, state.gains(), -1.0)))
+        free[j] = False
+        state.change(j)
+        order.append(picks[j])
+        known.append(state.P[:3, :3].copy())
+    return order, known
 
 
 WORTH = 1e-6

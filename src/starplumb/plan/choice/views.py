@@ -40,6 +40,23 @@ class Sites:
     def r_J(self) -> Array:
         return geodetic_to_itrf(self.latitude, self.longitude, self.height)
 
+    def only(self, order: Index) -> Sites:
+        """Some of them, in an order."""
+        names = tuple(self.names[k] for k in order.tolist())
+        return Sites(
+            names, self.latitude[order], self.longitude[order], self.height[order], self.clear[order]
+        )
+
+    def and_(self, others: Sites) -> Sites:
+        """These, then others."""
+        pairs = (
+            (self.latitude, others.latitude),
+            (self.longitude, others.longitude),
+            (self.height, others.height),
+            (self.clear, others.clear),
+        )
+        return Sites((*self.names, *others.names), *(np.concatenate(pair) for pair in pairs))
+
 
 @dataclass(frozen=True)
 class Agility:

@@ -1,0 +1,174 @@
+"""The choice of images for a scenario: its views, what they tell, the best of them, and how far from the best."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...io.scenario.candidates import Stage, agility, candidate_information, chosen_scenario, height_of
+from ...judge.motion.regressors import When
+from ...physics.errors import InputError
+from ...physics.units import DEG
+from ...plan.bound import bound_E
+from ...plan.choice.certificate import Certificate, Room, certificate
+from ...plan.choice.drift import detectable
+from ...plan.choice.ground import ground_weight
+from ...plan.choice.information import Information
+from ...plan.choice.kinds import Cure, cures, shares, usual
+from ...plan.choice.pick import Design, Limits, State, best_first, exchange, greedy
+from ...plan.choice.views import Sites, Views, limits, slots, views
+from ...plan.scenario import Scenario
+from ...plan.scene import epochs_ns
+from ...table.phases import OrbitPhase, even_motion
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+NOTHING = DEG
+"""Sigma about each axis of a mounting of which nothing is known."""
+FEW = 4
+"""Images of the usual kind that are looked at for what is badly determined, and of each kind that may cure it."""
+WORK = 300_000
+"""Images times candidates up to which exchanges go on until none gains; with more each image is looked at once."""
+SWEEPS = 5
+WATCHED = 24
+"""Images after each of which the detectable motion is found; of more, after so many of them."""
+
+
+@dataclass(frozen=True)
+class Asked:
+    """At most ``count`` images until ``sigma`` rad about each axis (0: all of them), from ``start_s`` to ``end_s``
+    after the epoch of the stage, with ``P_theta`` (3, 3) rad^2 known of the mounting, None for nothing."""
+
+    count: int
+    sigma: float
+    start_s: float
+    end_s: float
+    P_theta: Array | None
+
+
+@dataclass(frozen=True)
+class Choice:
+    """The images chosen, the one that is worth most first, and the covariance (3, 3) of the mounting after each.
+
+    ``design`` counts a view by its chance of being clear, ``information`` whole.
+    """
+
+    stage: Stage
+    sites: Sites
+    views: Views
+    limits: Limits
+    information: Information
+    design: Design
+    asked: Asked
+    picks: tuple[int, ...]
+    known: tuple[Array, ...]
+    certificate: Certificate
+
+    @cached_property
+    def scenario(self) -> Scenario:
+        """The chosen images as a scenario, with every source of error as it is."""
+        return chosen_scenario(self.stage, self.views, self.sites, np.array(self.picks))
+
+    @cached_property
+    def checked_E(self) -> Array:
+        """Covariance (3, 3) of the mounting by the whole noise model, all chosen images being clear."""
+        return np.linalg.inv(np.linalg.inv(bound_E(self.scenario)) + np.linalg.inv(self.design.P_theta))
+
+    @cached_property
+    def clear_E(self) -> Array:
+        """The same by the sums that images are chosen by."""
+        return covariance(Design(self.information, self.design.P_theta, self.design.W), list(self.picks))
+
+    def rms(self, P: Array) -> float:
+        """Error on the ground, m, of a mounting known with the covariance P (3, 3)."""
+        return float(np.sqrt(self.design.value(P)))
+
+    @cached_property
+    def usual(self) -> tuple[int, ...]:
+        """As many views of the usual kind, the best of them."""
+        return tuple(usual(self.design, self.views, self.limits, len(self.picks)))
+
+    @cached_property
+    def before(self) -> tuple[int, ...]:
+        """What there is before: nothing where a mounting is given, else a few views of the usual kind."""
+        return () if self.asked.P_theta is not None else self.usual[:FEW]
+
+    @cached_property
+    def before_E(self) -> Array:
+        return covariance(self.design, list(self.before))
+
+    @cached_property
+    def cures(self) -> tuple[Cure, ...]:
+        """What a few more images of each kind are worth."""
+        return cures(self.design, self.views, self.limits, list(self.before), FEW)
+
+    def shares(self, picks: tuple[int, ...], axis_E: Array) -> dict[str, float]:
+        """By which part the variance along an axis would fall after some images, were a source known."""
+        return shares(self.design.information, self.design, list(picks), axis_E) if picks else {}
+
+    @cached_property
+    def detectable(self) -> tuple[float | None, ...]:
+        """Amplitude, rad, of the motion that would be found after each image; None for too few, and between those that
+        are looked at."""
+        v, t_ns = self.views, epochs_ns(self.stage.epoch_ns, self.views.time_s)
+        n = len(self.picks)
+        at = set(np.unique(np.linspace(1, n, min(n, WATCHED)).astype(np.int64)).tolist())
+        orbit = self._orbit(t_ns)
+        found: list[float | None] = []
+        for k in range(1, n + 1):
+            mine = sorted(self.picks[:k])
+            when = When(t_ns[mine], v.u[mine])
+            found.append(detectable(self.design, mine, when, orbit) if k in at else None)
+        return tuple(found)
+
+    def _orbit(self, t_ns: Index) -> OrbitPhase | None:
+        r_I, v_I = self.stage.orbit.at(self.views.time_s[:1])
+        rate = float(np.linalg.norm(np.cross(r_I[0], v_I[0])) / np.sum(r_I[0] ** 2))
+        mine = np.sort(np.array(self.picks))
+        return even_motion(t_ns[mine], self.views.u[mine], rate)
+
+
+def covariance(design: Design, picks: list[int]) -> Array:
+    """Covariance (3, 3) of the mounting after some images."""
+    mine = Design(design.information.only(np.array(picks, dtype=np.int64)), design.P_theta, design.W)
+    if not picks:
+        return design.P_theta
+    state = State(mine)
+    for j in range(len(picks)):
+        state.change(j)
+    return state.P[:3, :3]
+
+
+def choose(stage: Stage, sites: Sites, asked: Asked) -> Choice:
+    """The images to take.  Raises InputError where no view of the span is possible."""
+    able = agility(stage.config, stage.camera.scans)
+    span = (asked.start_s, asked.end_s)
+    found = views(stage.orbit, stage.orientation, stage.epoch_ns, span, sites, able)
+    if found.n == 0:
+        raise InputError(
+            f"found no view of {', '.join(sites.names[:3])} in the span of {(span[1] - span[0]) / 86400.0:g} days, "
+            "wanted a longer span, other sites, a lower Sun (plan.min_sun_deg) or a wider look (plan.max_look_deg)"
+        )
+    P = np.eye(3) * NOTHING**2 if asked.P_theta is None else asked.P_theta
+    whole = candidate_information(stage, found, sites, P)
+    W = ground_weight(stage.camera, stage.C_EK, height_of(stage, float(found.time_s[0])))
+    design = Design(whole.weighted(sites.clear[found.site]), P, W)
+    clash = limits(found, able, stage.exposed_s)
+    picks = picked(design, clash, asked.count, asked.sigma)
+    room = Room(len(picks), slots(found, able, stage.exposed_s), found.pass_of, able.per_pass)
+    start = np.zeros(found.n)
+    start[picks] = 1.0
+    order, known = best_first(design, picks)
+    proof = certificate(design, room, start)
+    return Choice(stage, sites, found, clash, whole, design, asked, tuple(order), tuple(known), proof)
+
+
+def picked(design: Design, clash: Limits, count: int, sigma: float = 0.0) -> list[int]:
+    """The best images one after another, then exchanged."""
+    state = State(design)
+    picks = greedy(state, clash, count, sigma=sigma)
+    return exchange(state, clash, picks, SWEEPS if len(picks) * design.information.n <= WORK else 1)
