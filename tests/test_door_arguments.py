@@ -32,6 +32,10 @@ class Made:
         return sp.budget(self.scenario)
 
     @cached_property
+    def plan(self) -> sp.Plan:
+        return sp.plan_images(self.scenario, 2)
+
+    @cached_property
     def comparison(self) -> sp.Comparison:
         return sp.compare(self.campaign)
 
@@ -67,6 +71,7 @@ class Made:
             "predict": {"result": self.result, "at": "2026-03-20T10:00:00"},
             "locate": {"campaign": self.campaign, "image": "image01", "column": 1, "row": 1},
             "simulate": {"scenario": self.scenario, **QUICK},
+            "plan_images": {"scenario": self.scenario, "images": 2, "days": 12.0},
             "budget": {"scenario": self.scenario},
             "scenario": {"source": "two-images"},
             "read_campaign": {"path": "campaign.toml"},

@@ -144,6 +144,10 @@ WRITING = {
         over_a_scenario("budget", "report.html"),
         over_something("report.html", "budget", "two-images"),
     ],
+    "plan": [
+        over_a_scenario("plan", "plan.csv"),
+        over_something("plan.html", "plan", "cubesat-6u", "-n", 2),
+    ],
     "reproduce": [over_something("reproduce.json", "reproduce", "table1", "--trials", 10)],
     "init": [over_a_folder],
     "import": [over_a_table],

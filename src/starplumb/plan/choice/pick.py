@@ -13,6 +13,7 @@ axis, so that every step is a few long loops.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
@@ -198,11 +199,18 @@ class Limits:
 
 
 def greedy(
-    state: State, limits: Limits, count: int, among: Mask | None = None, sigma: float = 0.0
+    state: State,
+    limits: Limits,
+    count: int,
+    among: Mask | None = None,
+    sigma: float = 0.0,
+    first: Sequence[int] = (),
 ) -> list[int]:
     """Up to ``count`` candidates (of those ``among``), each the best beside the ones before it, until the mounting is
-    known to ``sigma`` rad about each axis."""
-    picks: list[int] = []
+    known to ``sigma`` rad about each axis; ``first`` are taken at any rate."""
+    picks = list(first)
+    for j in picks:
+        state.change(j)
     while len(picks) < count and state.sigma > sigma:
         gain = state.gains()
         gain[limits.blocked(picks)] = -1.0

@@ -113,6 +113,7 @@ def views(
 ) -> Views:
     """All views of the sites within a span.  Raises InputError where orbit or Earth orientation do not cover it."""
     try:
+        orientation.C_IJ(scene.epochs_ns(epoch_ns, span_s))
         abeam, site = _abeam(orbit, orientation, epoch_ns, span_s, sites, agility.look)
     except EpochError as error:
         raise InputError(f"the span of the plan: {error}") from None
@@ -124,6 +125,7 @@ def views(
     roll = passes.look_angles(orbit, orientation, epoch_ns, time, p_J)[1]
     sun = sun_height(epoch_ns, time, sites, where)
     fits = (np.hypot(np.tan(pitch), np.tan(roll)) <= np.tan(agility.look)) & (sun >= agility.sun)
+    fits &= (time >= span_s[0]) & (time <= span_s[1])
     order = np.flatnonzero(fits)[np.argsort(time[fits], kind="stable")]
     time, where, p_J, yaw = time[order], where[order], p_J[order], yaw[order]
     r_I, v_I = orbit.at(time)
@@ -151,7 +153,7 @@ def _abeam(
     look: float,
 ) -> tuple[Array, Index]:
     """Times near which each site is abeam and within ``look`` rad, and the site of each."""
-    time = np.arange(span_s[0], span_s[1], STEP_S)
+    time = np.arange(span_s[0] - STEP_S, span_s[1] + STEP_S, STEP_S)
     r_I, v_I = orbit.at(time)
     C_OJ = C_RO(r_I, v_I).mT @ orientation.C_IJ(scene.epochs_ns(epoch_ns, time))
     height = np.linalg.norm(r_I, axis=-1)

@@ -30,10 +30,13 @@ Index = NDArray[np.int64]
 NOTHING = DEG
 """Sigma about each axis of a mounting of which nothing is known."""
 FEW = 4
-"""Images of the usual kind that are looked at for what is badly determined, and of each kind that may cure it."""
+"""Images of each kind that may cure what is badly determined."""
 WORK = 300_000
 """Images times candidates up to which exchanges go on until none gains; with more each image is looked at once."""
 SWEEPS = 5
+"""So many times at most."""
+LITTLE_WORK, BEGINNINGS = 6_000, 12
+"""Images times candidates up to which so many first images are tried."""
 WATCHED = 24
 """Images after each of which the detectable motion is found; of more, after so many of them."""
 
@@ -94,8 +97,8 @@ class Choice:
 
     @cached_property
     def before(self) -> tuple[int, ...]:
-        """What there is before: nothing where a mounting is given, else a few views of the usual kind."""
-        return () if self.asked.P_theta is not None else self.usual[:FEW]
+        """What there is before: nothing where a mounting is given, else as many views of the usual kind."""
+        return () if self.asked.P_theta is not None else self.usual
 
     @cached_property
     def before_E(self) -> Array:
@@ -168,7 +171,16 @@ def choose(stage: Stage, sites: Sites, asked: Asked) -> Choice:
 
 
 def picked(design: Design, clash: Limits, count: int, sigma: float = 0.0) -> list[int]:
-    """The best images one after another, then exchanged."""
-    state = State(design)
+    """The best images one after another, then exchanged; of few candidates from several beginnings."""
+    start = State(design)
+    size = count * design.information.n
+    state = start.copy()
     picks = greedy(state, clash, count, sigma=sigma)
-    return exchange(state, clash, picks, SWEEPS if len(picks) * design.information.n <= WORK else 1)
+    found = [(exchange(state, clash, picks, SWEEPS if size <= WORK else 1), state.value)]
+    if size <= LITTLE_WORK:
+        for j in np.argsort(-start.gains())[1:BEGINNINGS].tolist():
+            state = start.copy()
+            picks = greedy(state, clash, len(found[0][0]), first=[j])
+            if len(picks) == len(found[0][0]):
+                found.append((exchange(state, clash, picks, SWEEPS), state.value))
+    return min(found, key=lambda one: one[1])[0]

@@ -194,17 +194,17 @@ def _cure(found: Choice) -> Iterator[str]:
         return
     best, usual = found.cures[0], next((c for c in found.cures if c.kind == USUAL), None)
     rms = float(np.sqrt(best.value))
-    if usual is None or best is usual:
-        yield f"best kind of view: {best.count} more images of {best.kind} leave {rms:.3g} m"
+    worth = (
+        f"{best.count} image{'s' * (best.count != 1)} of that kind leave{'s' * (best.count == 1)} {rms:.3g} m"
+    )
+    if usual is None:
+        yield f"the kind of view that helps most: {best.kind}; {worth}"
         return
     more = float(np.sqrt(usual.value))
-    what = (
-        "cured by" if more > WORTH_SAYING * rms else "nothing is much better than more of the same; best is"
-    )
-    yield (
-        f"{what} {best.kind}: {best.count} such images leave {rms:.3g} m, {usual.count} more of the usual kind "
-        f"{more:.3g} m"
-    )
+    if more > WORTH_SAYING * rms:
+        yield f"cured by {best.kind}: {worth}, as many of the usual kind {more:.3g} m"
+    else:
+        yield f"no kind of view is much better than more of the same ({more:.3g} m); best is {best.kind}: {worth}"
 
 
 def _target(found: Choice, last: Array) -> dict[str, Any]:

@@ -121,7 +121,7 @@ class Plan(Shown):
 
 def _frame(images: Sequence[dict[str, Any]]) -> Frame:
     single = [key for key in images[0] if key != "sigma_arcsec"]
-    columns = [[image[key] for image in images] for key in single]
+    columns = [["" if image[key] is None else image[key] for image in images] for key in single]
     sigmas = [[image["sigma_arcsec"][k] for image in images] for k in range(3)]
     return Frame("Plan", (*single, *(f"sigma_{a}_arcsec" for a in "xyz")), (*columns, *sigmas))
 
@@ -148,14 +148,15 @@ def plan_images(
     notices: list[str] = []
     with read.named():
         flown = stage(read.config, read.folder)
-        all_sites = _sites(flown, None if sites is None else Path(sites), notices)
-        first = _start_ns(flown, start)
-        start_s = 1e-9 * (first - flown.epoch_ns)
-        end_s = start_s + 86400.0 * (days or read.config.plan.days)
-        known, name = _known(given, first, notices)
-        if known is None and scenario.data.prior_E is not None:
-            known = scenario.data.prior_E
-            name = "the scenario's [initial]"
+    all_sites = _sites(flown, None if sites is None else Path(sites), read.name, notices)
+    first = _start_ns(flown, start)
+    start_s = 1e-9 * (first - flown.epoch_ns)
+    end_s = start_s + 86400.0 * (days or read.config.plan.days)
+    known, name = _known(given, first, notices)
+    if known is None and scenario.data.prior_E is not None:
+        known = scenario.data.prior_E
+        name = "the scenario's [initial]"
+    with read.named():
         sigma = 0.0 if target_arcsec is None else target_arcsec * ARCSEC
         found = choose(flown, all_sites, Asked(images, sigma, start_s, end_s, known))
     return Plan(document(found, name, notices))
@@ -190,7 +191,7 @@ def _known(
     return found.covariance_arcsec2 * ARCSEC**2, name
 
 
-def _sites(flown: Stage, path: Path | None, notices: list[str]) -> Sites:
+def _sites(flown: Stage, path: Path | None, scenario: Path, notices: list[str]) -> Sites:
     """The scenario's own site first, then those of the table."""
     home, named = home_site(flown.config), flown.config.plan.sites
     if path is None and named is not None:
@@ -198,7 +199,7 @@ def _sites(flown: Stage, path: Path | None, notices: list[str]) -> Sites:
     table = None if path is None else read_site_table(path, notices)
     if home is None and table is None:
         raise InputError(
-            "found neither [site] nor a table of sites (--sites), wanted places with markers to look at"
+            f"{scenario}: found neither [site] nor a table of sites (--sites), wanted places with markers to look at"
         )
     if table is None:
         assert home is not None
