@@ -339,7 +339,7 @@ def test_what_is_known_already_is_taken_whole(tmp_path):
     [
         (("wide-swath",), "found neither [site] nor a table of sites"),
         (("cubesat-6u", "--start", "soon"), "--start: "),
-        (("cubesat-6u", "--days", "0.01"), "found no view of home"),
+        (("cubesat-6u", "--start", "2026-03-21T00:00:00", "--days", "0.1"), "found no view of home"),
         (("cubesat-6u", "--days", "4000"), "the span of the plan"),
         (("cubesat-6u", "--images", "0"), "--images: "),
         (("cubesat-6u", "--sites", "none.csv"), "none.csv: "),
