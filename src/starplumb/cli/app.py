@@ -27,7 +27,7 @@ COMMANDS = {
     "points": "files.points",
     "simulate": "simulate",
     "budget": "budget",
-    "plan": "plan",
+    "plan": "planning.plan",
     "reproduce": "reproduce",
     "schema": "files.schema",
     "archive": "archive.verbs",

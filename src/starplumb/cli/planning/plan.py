@@ -7,9 +7,9 @@ from typing import Annotated
 
 import typer
 
-from .options.common import ScenarioArgument
-from .options.places import require_place
-from .output import Json, Output, Quiet, Verbose
+from ..options.common import ScenarioArgument
+from ..options.places import require_place
+from ..output import Json, Output, Quiet, Verbose
 
 
 def plan(
@@ -68,8 +68,8 @@ def plan(
 
       starplumb plan scenario.toml --sites sites.csv --given mission.db --target 2 --out next
     """
-    from ..session.planning.plan import MARK, PLAN_FILES, plan_images
-    from ..session.scenario import scenario as read
+    from ...session.planning.plan import MARK, PLAN_FILES, plan_images
+    from ...session.scenario import scenario as read
 
     speak = Output(json, quiet, verbose)
     asked = read(scenario)
