@@ -181,7 +181,9 @@ def words(found: Choice) -> Iterator[str]:
             for name, part in found.shares(found.before, axis).items()
             if part >= NAMED
         ]
-        causes = f", mostly for {' and '.join(named)}" if named else ", for what each image has for itself"
+        causes = (
+            f", mostly for {' and '.join(named)}" if named else ", by errors that each image has for itself"
+        )
         yield (
             f"badly determined by {have}: {about(found.stage.C_EK.T @ axis)}, {size:.3g} arcsec"
             f"{causes if n else ''}; all axes together are {found.rms(P):.3g} m on the ground"
@@ -219,7 +221,7 @@ def _target(found: Choice, last: Array) -> dict[str, Any]:
         cause = (
             f"it is limited by {name}: were that known, the variance would fall by {100.0 * part:.0f} %"
             if part >= NAMED
-            else "it is limited by what each image has for itself: more images lower it"
+            else "it is limited by errors that each image has for itself: more images lower it"
         )
         said = (
             f"{wanted:g} arcsec about each axis is not reached with {len(found.picks)} images: "

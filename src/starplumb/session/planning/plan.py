@@ -105,7 +105,7 @@ class Plan(Shown):
         lines.append(
             f"{len(d['images'])} of {d['candidates']['views']} views in {d['candidates']['passes']} passes leave "
             f"{rms:.3g} m; no choice of as many can leave less than {bound['rms_m']:.3g} m "
-            f"(this one is within {bound['within_percent']:.2g} %)"
+            f"(this one is within {max(bound['within_percent'], 0.1):.2g} %)"
         )
         if usual["rms_m"] is not None:
             lines.append(f"{usual['images']} views of the usual kind would leave {usual['rms_m']:.3g} m")
