@@ -21,9 +21,9 @@ from starplumb.plan.demo import demo
 from starplumb.report.calibration.facts import camera_words, facts, in_the_camera, pixel_rad
 from starplumb.report.calibration.fit_figures import image_panels, normality, own_over_the_field, standardised
 from starplumb.report.calibration.page import calibration_page
-from starplumb.report.calibration.sites import LEAST_DEG, site_map, site_table, sites
+from starplumb.report.calibration.sites import site_map, site_table, sites
 from starplumb.report.charts.chart import Arrows, Boxes, Dots, Line
-from starplumb.report.land import coast, coastlines
+from starplumb.report.land import LEAST_DEG, coast, coastlines
 
 
 @pytest.fixture(scope="module")

@@ -13,12 +13,16 @@ from importlib.resources import files
 import numpy as np
 from numpy.typing import NDArray
 
-from .charts.chart import Line
+from ..physics.units import DEG
+from .charts.chart import HEIGHT, WIDTH, Line
 
 Array = NDArray[np.float64]
 
 GAP = 32767
-NAME = "coastlines"
+LEAST_DEG = 12.0
+"""A map shows at least so many degrees of latitude: less has no coast to know the place by."""
+ASPECT = 0.75 * WIDTH / HEIGHT * 1.15
+"""Of the inner rectangle of a map."""
 
 
 @cache
@@ -46,3 +50,18 @@ def _within(at: Array, west: float, east: float, south: float, north: float) -> 
     x, y = np.where(near, x, np.nan)[kept], np.where(near, y, np.nan)[kept]
     broken = np.flatnonzero(np.diff(np.flatnonzero(kept)) > 1) + 1
     return np.insert(x, broken, np.nan), np.insert(y, broken, np.nan)
+
+
+def region(places: Array) -> tuple[float, float, float, float]:
+    """West, east, south, north, deg, of a map that holds the places and has their proportions on the ground."""
+    low, high = places.min(axis=0), places.max(axis=0)
+    middle = 0.5 * (low + high)
+    narrow = max(np.cos(middle[1] * DEG), 0.1)
+    tall = max(LEAST_DEG, 1.3 * (high[1] - low[1]), 1.3 * (high[0] - low[0]) * narrow / ASPECT)
+    wide = min(tall * ASPECT / narrow, 360.0)
+    return (
+        middle[0] - wide / 2,
+        middle[0] + wide / 2,
+        max(middle[1] - tall / 2, -90.0),
+        min(middle[1] + tall / 2, 90.0),
+    )

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from .charts.chart import WIDTH, Axis, Chart, Dots, Line, Mark
+from .charts.chart import Axis, Chart, Dots, Line, Mark
+from .land import coast, region
 from .page import Figure, Page, Section, Table, render
 from .text import number, triple
 
@@ -102,18 +103,18 @@ def _map(d: Document) -> Figure:
         places.setdefault(image["site"], []).append(image)
     x = np.array([mine[0]["longitude_deg"] for mine in places.values()])
     y = np.array([mine[0]["latitude_deg"] for mine in places.values()])
-    x = np.mod(x + 180.0, 360.0) - 180.0
+    x = np.unwrap(x, period=360.0)
     times = [len(mine) for mine in places.values()]
     marks = tuple(
         Dots(x[[k]], y[[k]], "one", tips=[f"{site}: {n}"], filled=True, size=float(0.6 + 0.2 * np.sqrt(n)))
         for k, (site, n) in enumerate(zip(places, times, strict=True))
     )
-    earth = Axis("longitude, deg", -180.0, 180.0), Axis("latitude, deg", -90.0, 90.0)
+    west, east, south, north = region(np.stack([x, y], axis=-1))
+    axes = Axis("longitude, deg", west, east), Axis("latitude, deg", south, north)
     listed = ", ".join(f"{site} {n}" for site, n in zip(places, times, strict=True))
-    chart = Chart(*earth, marks, equal=True, height=0.6 * WIDTH)
-    return Figure(
-        chart, "map", f"Images by site: {listed}.", f"Sites, and how many images look at each: {listed}."
-    )
+    chart = Chart(*axes, (*coast(west, east, south, north), *marks))
+    text = f"Sites, and how many images look at each: {listed}. Coastlines: Natural Earth."
+    return Figure(chart, "map", f"Images by site: {listed}.", text)
 
 
 def _order(d: Document) -> str:

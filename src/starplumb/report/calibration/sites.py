@@ -11,8 +11,8 @@ from ...judge.calibrate import Calibration
 from ...judge.residuals import rms
 from ...physics.earth import itrf_to_geodetic
 from ...physics.units import DEG
-from ..charts.chart import HEIGHT, WIDTH, Dots, Mark
-from ..land import coast
+from ..charts.chart import Dots, Mark
+from ..land import coast, region
 from ..page import Figure, Table
 from ..plots import Vectors, vectors
 from ..text import length, number
@@ -22,10 +22,6 @@ Index = NDArray[np.int64]
 
 APART = 100e3
 """Metres from the first image of a site within which an image is of the same."""
-LEAST_DEG = 12.0
-"""A map shows at least so many degrees of latitude: less has no coast to know the place by."""
-ASPECT = 0.75 * WIDTH / HEIGHT * 1.15
-"""Of the inner rectangle of a map."""
 LISTED = 40
 
 
@@ -81,7 +77,7 @@ def site_map(c: Calibration, found: tuple[Site, ...]) -> tuple[Figure, ...]:
         f"{site.place}: {length(float(np.hypot(*mean)))} of {site.rows.size} sightings in {site.images} images"
         for site, mean in zip(found, means, strict=True)
     ]
-    west, east, south, north = _region(places)
+    west, east, south, north = region(places)
     known = means[np.all(np.isfinite(means), axis=-1)]
     text = (
         f"The {len(found)} site{'s' * (len(found) != 1)} with the mean error on the ground that is left at each after "
@@ -96,21 +92,6 @@ def site_map(c: Calibration, found: tuple[Site, ...]) -> tuple[Figure, ...]:
     (chart,) = figure.charts
     x, y = replace(chart.x, low=west, high=east), replace(chart.y, low=south, high=north)
     return (replace(figure, chart=replace(chart, x=x, y=y)),)
-
-
-def _region(places: Array) -> tuple[float, float, float, float]:
-    """West, east, south, north, deg, of a map that holds the places and has their proportions on the ground."""
-    low, high = places.min(axis=0), places.max(axis=0)
-    middle = 0.5 * (low + high)
-    narrow = max(np.cos(middle[1] * DEG), 0.1)
-    tall = max(LEAST_DEG, 1.3 * (high[1] - low[1]), 1.3 * (high[0] - low[0]) * narrow / ASPECT)
-    wide = min(tall * ASPECT / narrow, 360.0)
-    return (
-        middle[0] - wide / 2,
-        middle[0] + wide / 2,
-        max(middle[1] - tall / 2, -90.0),
-        min(middle[1] + tall / 2, 90.0),
-    )
 
 
 def site_table(c: Calibration, found: tuple[Site, ...]) -> tuple[Table, ...]:

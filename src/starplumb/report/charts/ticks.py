@@ -10,6 +10,8 @@ from .chart import Axis
 Array = NDArray[np.float64]
 
 STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)
+FEW, FINER = 3, (1.0, 2.0, 5.0)
+"""Powers of ten on an axis below which these of each power are ticked too."""
 
 
 def ticks(axis: Axis, most: int) -> tuple[Array, tuple[str, ...]]:
@@ -20,7 +22,11 @@ def ticks(axis: Axis, most: int) -> tuple[Array, tuple[str, ...]]:
     if axis.log:
         low, high = np.log10(axis.low), np.log10(axis.high)
         powers = np.arange(np.ceil(low - 1e-9), np.floor(high + 1e-9) + 1)
-        return 10.0**powers, tuple(f"{10.0**p:g}" for p in powers)
+        places = 10.0**powers
+        if powers.size < FEW:
+            finer = np.outer(10.0 ** np.arange(np.floor(low), np.ceil(high) + 1), FINER).ravel()
+            places = finer[(finer >= axis.low) & (finer <= axis.high)]
+        return places, tuple(f"{place:g}" for place in places)
     if axis.dates:
         return _dates(axis, most)
     step = _step(axis.high - axis.low, most)
