@@ -45,6 +45,7 @@ FOLDERS = (
         "io.points",
         "io.imagery",
         "io.campaign",
+        "io.drawn",
         "io.scenario",
         "io.vendors",
         "io.results",

@@ -122,9 +122,9 @@ def test_keys_of_a_table_beside_a_standard_file_are_refused(tmp_path: Path, key:
 
 
 def test_compress_and_gzip_are_unpacked() -> None:
-    assert unpacked("x", COMPRESSED) == TEXT
-    assert unpacked("x", gzip.compress(TEXT[:500]) + gzip.compress(TEXT[500:])) == TEXT
-    assert unpacked("x", TEXT) == TEXT
+    assert unpacked("x", COMPRESSED, 10**6) == TEXT
+    assert unpacked("x", gzip.compress(TEXT[:500]) + gzip.compress(TEXT[500:]), 10**6) == TEXT
+    assert unpacked("x", TEXT, 10**6) == TEXT
 
 
 @pytest.mark.parametrize("packed", [COMPRESSED, gzip.compress(TEXT)], ids=["Z", "gz"])
@@ -149,4 +149,4 @@ def test_packed_files_are_bounded_and_whole(packed: bytes) -> None:
 )
 def test_damaged_packed_files_are_refused(packed: bytes) -> None:
     with pytest.raises(InputError, match=r"x: found a damaged packed file .*wanted a whole one"):
-        unpacked("x", packed)
+        unpacked("x", packed, 10**6)

@@ -11,9 +11,9 @@ from starplumb.imagery.drawn.ground import Ground, Look
 from starplumb.imagery.drawn.sheet import Sheet
 from starplumb.imagery.scene import geodetic
 from starplumb.io.campaign.read import load_images
+from starplumb.io.drawn.write import ascii_grid
 from starplumb.io.imagery.relief import read_ascii_grid
 from starplumb.io.imagery.scene import open_scene
-from starplumb.io.imagery.write import ascii_grid
 from starplumb.physics import so3
 from starplumb.plan import drawn_demo
 from starplumb.session.imagery.example import write_drawn_example

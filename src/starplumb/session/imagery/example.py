@@ -17,7 +17,7 @@ def write_drawn_example(folder: Path, seed: int = 1, schema: str = "") -> tuple[
     """Write the example into a folder, with a JSON schema if given; the path of its ``campaign.toml``, and how many
     images there are.  Takes some seconds."""
     from ...imagery.drawn.render import Sensor
-    from ...io.imagery.write import OrthoPicture, write_imagery
+    from ...io.drawn.write import OrthoPicture, write_imagery
     from ...plan import drawn_demo
 
     drawn = drawn_demo.drawn_demo(seed)
