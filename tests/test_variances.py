@@ -140,6 +140,23 @@ def test_equal_passes_give_the_textbook_s_variance_between(rng):
     np.testing.assert_allclose(found.jackknife_E, np.std(means, axis=0, ddof=1) / np.sqrt(40), rtol=1e-6)
 
 
+@pytest.mark.parametrize("own", [0.0, 0.1, 1.0])
+def test_one_draw_that_all_images_share_confirms_no_sigma(rng, own):
+    """Its factor stays as stated and is none of those told; each image's own draw tells one."""
+    images = rotations(SIGMA * (rng.normal(size=3) + own * rng.normal(size=(8, 3))), own * SIGMA)
+    one = (1.0 - own) * np.tile(np.diag(SIGMA), (8, 1, 1))
+    images = replace(images, common=one, common_of=("attitude shared",) * 3)
+    found = from_data(images, np.eye(3), SIGMA)
+    told = " ".join(finding.sentence for finding in findings_of_sources(found, 8))
+    assert (found.sigma_E is None) == (found.half_95_E is None) == (own < 1.0)
+    assert [s.kind for s in found.sources if s.kind != SIGHTINGS] == (
+        ["about", "across"] if own == 1.0 else []
+    )
+    assert ("nothing here confirms the stated sigmas of attitude" in told) == (own < 1.0)
+    held = components(images, np.eye(3), {})
+    assert all(c.single == (own < 1.0) for c in held if c.name != SIGHTINGS)
+
+
 def test_ratio_and_interval_of_a_source(rng):
     """Attitude across stated a third: the textbook's interval of a variance with 2 (m - 1) degrees of freedom."""
     m = 30

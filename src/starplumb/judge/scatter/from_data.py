@@ -34,6 +34,10 @@ SEVERAL = 6
 """Passes or sessions from which on what their images share is estimated about the weak axis by itself."""
 WEAK_AXIS = 1.5
 """Variance of the attitude about one axis, over that about the next, from which that axis is its weak one."""
+RESTS = 0.1
+"""Share of the answer's variance about an axis from which it rests on a source."""
+REFUTED_P = 1e-4
+"""Probability below which the scatter contradicts even a source of which the images have one draw."""
 SHARE = 0.2
 """Share of the variance across from which the orbit is named beside the attitude."""
 ACROSS, ABOUT, SIGHTINGS, SESSION = "across", "about", "sightings", "session"
@@ -131,7 +135,8 @@ class FromData:
     """What the scatter of images supports: ``sigma_E`` (3,) rad of the answer with ``degrees`` (3,) of freedom, None
     where they are too few, and the ``sources``; ``jackknife_E`` (3,) rad is a rough sigma that knows no source, from
     leaving out one ``left`` after another; ``times`` is what the scatter says of the times of images, ``next_session``
-    what it says of the mounting at a further session or pass."""
+    what it says of the mounting at a further session or pass.  Sources that are ``single``, one draw for all images,
+    are none of those told, and where the answer rests on them no sigma is."""
 
     images: int
     sigma_E: Array | None
@@ -141,6 +146,7 @@ class FromData:
     left: str = "image"
     times: TimesFound | None = None
     next_session: NextSession | None = None
+    single: tuple[str, ...] = ()
 
     @property
     def half_95_E(self) -> Array | None:
@@ -173,11 +179,14 @@ def from_data(
     stated = np.array([c.stated for c in sources])
     as_stated = Projector(sources, stated)
     gain, times = as_stated.gain, times_found(as_stated, some.d_E, some.per_second_E)
-    factors = variances.estimate(some.d_E, sources)
-    named = tuple(_found(some, c, factors, k, float(p[k])) for k, c in enumerate(sources))
-    if some.size < FEWEST:
-        return FromData(images.size, None, None, named, times=times)
+    held = np.array([c.single for c in sources]) & ~(p < REFUTED_P)  # p may be no number
+    factors = variances.estimate(some.d_E, sources, held)
+    named = tuple(_found(some, c, factors, k, float(p[k])) for k, c in enumerate(sources) if not held[k])
     slopes = np.array([np.diagonal(c.spread(gain)) for c in sources])
+    rests = held & np.any(slopes > RESTS * (stated @ slopes), axis=1)
+    single = tuple(_words(some, c) for c, one in zip(sources, rests, strict=True) if one)
+    if some.size < FEWEST or single:
+        return FromData(images.size, None, None, named, times=times, single=single)
     variance, degrees = variances.satterthwaite(slopes, factors)
     scale = sigma_E / np.sqrt(stated @ slopes)  # whatever else the answer rests on scales alike
     left, groups = next(iter(levels.items()), ("image", np.arange(some.size)))

@@ -30,6 +30,8 @@ def findings_of_sources(found: FromData | None, images: int) -> list[Finding]:
         told.append(_times(found.times))
     if found.next_session is not None and found.next_session.groups < FEW_SESSIONS:
         told.append(_few(found.next_session))
+    if found.single:
+        return [*told, _one_draw(found.single)]
     confirmed = found.images > FEW_IMAGES or any(finding.weakens for finding in told)
     return told if confirmed else [*told, _unconfirmed(found.images)]
 
@@ -38,6 +40,14 @@ def _unconfirmed(images: int) -> Finding:
     return Finding(
         f"nothing here confirms the stated sigmas of attitude and orbit: the scatter of {images} images cannot tell; "
         f"more than {FEW_IMAGES} images would",
+        False,
+    )
+
+
+def _one_draw(single: tuple[str, ...]) -> Finding:
+    return Finding(
+        f"nothing here confirms the stated sigmas of {' and of '.join(single)}: all images share one draw of "
+        "these errors; images of further passes would",
         False,
     )
 

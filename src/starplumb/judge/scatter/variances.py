@@ -29,6 +29,8 @@ ROUNDS, TOLERANCE = 60, 1e-3
 LEAST = 1e-3
 """A stated variance is taken to be no smaller than this times what is stated."""
 MOST_DEGREES = 1e6
+SEVERAL_DRAWS = 1.5
+"""Independent draws from which on the scatter tells a factor: two passes have 2, one error of all images is 1."""
 ALIKE = 1e-6
 """Part of what the data tell of a factor, not told of others already, below which it is none of its own."""
 
@@ -49,6 +51,17 @@ class Component:
     squares: float = 0.0
     degrees: float = 0.0
     drawn_anew: bool = False
+
+    @property
+    def single(self) -> bool:
+        """Whether images have one draw of it, so that their scatter confirms no stated factor: the draws are the
+        variance of one over that of the mean of all."""
+        if self.stated == 0.0 or self.degrees > 0.0:
+            return False
+        of_sum = float(np.sum(np.trace(self.own, axis1=-2, axis2=-1)))
+        of_each = len(self.own) * (of_sum + float(np.sum(self.common**2)))
+        of_sum += float(np.sum(np.sum(self.common, axis=0) ** 2))
+        return of_each < SEVERAL_DRAWS * of_sum
 
     def spread(self, gain: Array) -> Array:
         """Covariance (3, 3) of the sum of ``gain`` (m, 3, 3) times its errors, at the factor 1."""
@@ -161,28 +174,29 @@ def satterthwaite(slopes: Array, factors: Factors) -> tuple[Array, Array]:
     return variance, np.clip(2.0 * variance**2 / np.maximum(spread, 1e-300), 1.0, MOST_DEGREES)
 
 
-def estimate(d: Array, components: Sequence[Component]) -> Factors:
-    """By restricted maximum likelihood; a factor that is not stated may be 0."""
+def estimate(d: Array, components: Sequence[Component], held: NDArray[np.bool_] | None = None) -> Factors:
+    """By restricted maximum likelihood; a factor that is not stated may be 0, one ``held`` (s,) is as stated."""
+    sought = np.full(len(components), True) if held is None else ~held
     f = np.array([c.stated for c in components])
     least = np.array([LEAST * c.stated for c in components])
     twice = np.eye(len(f))
     for _ in range(ROUNDS):
         gradient, twice = _score(d, components, f)
-        free = (f > least) | (gradient > 0.0)
+        free = sought & ((f > least) | (gradient > 0.0))
         step = np.zeros_like(f)
         step[free] = np.linalg.lstsq(twice[np.ix_(free, free)], gradient[free], rcond=None)[0]
         before, f = f, np.maximum(f + step, np.maximum(least, 0.1 * f))
         f = np.where((f < 1e-4) & (least == 0.0), 0.0, f)
         if np.max(np.abs(f - before) / np.maximum(before, 0.01)) < TOLERANCE:
             break
-    return Factors(f, _spread(twice, f > 0.0))
+    return Factors(f, _spread(twice, sought & (f > 0.0), sought))
 
 
-def _spread(twice: Array, on: NDArray[np.bool_]) -> Array:
-    """Covariance (s, s) of factors of this information; one that is 0 and does what others do already (images of one
-    group each) takes no part."""
+def _spread(twice: Array, on: NDArray[np.bool_], sought: NDArray[np.bool_]) -> Array:
+    """Covariance (s, s) of factors ``sought`` of this information; one that is 0 and does what others do already
+    (images of one group each) takes no part."""
     told = on.copy()
-    for k in np.flatnonzero(~on):
+    for k in np.flatnonzero(sought & ~on):
         row = twice[k, on]
         left = twice[k, k] - row @ np.linalg.pinv(twice[np.ix_(on, on)]) @ row
         told[k] = left > ALIKE * twice[k, k]
