@@ -266,6 +266,8 @@ def test_what_is_considered_is_read_and_written(tmp_path):
         ),
         ('look_angles = "0.4px"\n', "consider: found 'look_x_1', wanted focal_length or distortion"),
         ('refraction = "0.1"\n', 'consider.refraction: found "0.1", wanted a positive part'),
+        ('refraction = "1_0%"\n', 'consider.refraction: found "1_0%", wanted a positive part'),
+        ('refraction = "٣%"\n', 'consider.refraction: found "٣%", wanted a positive part'),
         (
             'focal_lenght = "5um"\n',
             "consider.focal_lenght: unknown key, the nearest known one is focal_length",

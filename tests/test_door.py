@@ -167,6 +167,7 @@ def test_an_answer_that_must_not_be_used_is_returned_and_says_so(tmp_path):
     ("options", "words"),
     [
         ({"method": "glss"}, "method: found 'glss'.*did you mean gls"),
+        ({"estimate": ""}, "estimate: found '', wanted one or more of focal_length"),
         ({"method": "wahba", "estimate": ["focal_length"]}, "estimate: found with the method wahba"),
         ({"estimate": "focal_lenght"}, "focal_lenght"),
     ],

@@ -431,7 +431,17 @@ def test_normal_equations_of_a_moving_mounting_are_those_of_its_data(rng):
 def test_what_drift_takes_is_checked_before_the_work():
     assert columns_asked("orbit:1, linear") == ("orbit:1 cos", "orbit:1 sin", "linear")
     assert columns_asked("auto") == ()
-    for wrong in ("orbit", "orbit:0", "spline", "linear:2", "step:noon", "temperature:"):
+    for wrong in (
+        "orbit",
+        "orbit:0",
+        "spline",
+        "linear:2",
+        "step:noon",
+        "temperature:",
+        "orbit:٣",
+        "orbit:9",
+        "linear,linear",
+    ):
         with pytest.raises(ArgumentError, match="drift: "):
             columns_asked(wrong)
 

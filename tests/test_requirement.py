@@ -45,7 +45,20 @@ def test_a_requirement_is_read_from_its_words(text, limit, unit, measure):
 
 
 @pytest.mark.parametrize(
-    "text", ["", "5", "5 m", "-5 m CE90", "0 m rms", "5 ft CE90", "2 arcsec CE90", "five m rms", "1e3 m rms"]
+    "text",
+    [
+        "",
+        "5",
+        "5 m",
+        "-5 m CE90",
+        "0 m rms",
+        "5 ft CE90",
+        "2 arcsec CE90",
+        "five m rms",
+        "1e3 m rms",
+        "٥ m CE90",
+        "9" * 400 + " m rms",
+    ],
 )
 def test_what_is_no_requirement_is_refused(text):
     with pytest.raises(InputError, match=r"requirement: found .*, wanted a limit such as '5 m CE90'"):

@@ -43,7 +43,27 @@ COMMANDS = {name: command for name, command in GROUPS.items() if not hasattr(com
         (["locate", "c.toml", "1", "2"], "locate: found no --image / -i, wanted one"),
         (["locate"], "locate: found no CAMPAIGN.toml, wanted one"),
         (["check", "a.toml", "b.toml"], r"check: .*\(b.toml\)"),
-        (["simulate", "two-images", "--trials", "1e18"], "simulate: --trials / -n: .*integer"),
+        (
+            ["simulate", "two-images", "--trials", "1e18"],
+            'simulate: --trials / -n: found "1e18", wanted a whole number, 2 to 1000000000',
+        ),
+        (
+            ["locate", "c.toml", "-i", "a", "5_00", "5"],
+            'locate: .COLUMN.: found "5_00", wanted a finite number',
+        ),
+        (["locate", "c.toml", "-i", "a", "5", "٥"], 'locate: .ROW.: found "٥", wanted a finite number'),
+        (
+            ["locate", "c.toml", "-i", "a", "--sigma-px", "-1", "5", "5"],
+            'px: found "-1", .* number, 0 or more',
+        ),
+        (["plan", "cubesat-6u", "--days", "nan"], 'plan: --days: found "nan", wanted a finite number'),
+        (["archive", "trend", "x.db", "--horizon-days", "1_0"], 'trend: --horizon-days: found "1_0", wanted'),
+        (["calibrate", "c.toml", "-j", 10**20], f'--jobs / -j: found "{10**20}", .* whole number, 1 to 1000'),
+        (
+            ["simulate", "two-images", "--chunk", 10**9],
+            "--chunk: found .*, wanted a whole number, 1 to 100000",
+        ),
+        (["init", "d", "--seed", 10**20], "--seed / -s: .* number, 0 or more, of at most 20 digits"),
         (["calibrate", "c.toml", "--outside", "x"], "calibrate: --outside: .*refuse"),
         (["init", "d", "--seed"], "--seed"),
     ],

@@ -101,7 +101,12 @@ def calibrate(
     jobs: Annotated[
         int | None,
         typer.Option(
-            "--jobs", "-j", metavar="COUNT", min=1, help="Campaigns at a time [default: processors]."
+            "--jobs",
+            "-j",
+            metavar="COUNT",
+            min=1,
+            max=1000,
+            help="Campaigns at a time [default: processors].",
         ),
     ] = None,
     archive: Annotated[

@@ -47,7 +47,12 @@ def simulate(
     workers: Annotated[
         int | None,
         typer.Option(
-            "--workers", "-w", metavar="COUNT", min=1, help="Worker processes [default: one per processor]."
+            "--workers",
+            "-w",
+            metavar="COUNT",
+            min=1,
+            max=1000,
+            help="Worker processes [default: one per processor].",
         ),
     ] = None,
     scheduler: Annotated[
@@ -58,7 +63,13 @@ def simulate(
     ] = None,
     chunk: Annotated[
         int,
-        typer.Option("--chunk", metavar="COUNT", min=1, help="Trials of a chunk; the draws depend on it."),
+        typer.Option(
+            "--chunk",
+            metavar="COUNT",
+            min=1,
+            max=100_000,
+            help="Trials of a chunk; the draws depend on it.",
+        ),
     ] = 4096,
     samples: Annotated[
         str, typer.Option("--samples", metavar="auto|parquet|none", help="Every trial as a table.")

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import math
 import re
-from typing import Any
+from typing import Any, get_args, get_type_hints
 
 import typer
 from typer.core import TyperCommand, TyperGroup
 
 UsageError: type[Exception] = typer.BadParameter.__mro__[1]
 """Every mistake in a command line: a class that typer has but does not name; its ``ctx`` says in which command."""
+MOST_DIGITS = 20
+"""Of a whole number: seeds go up to 2^64."""
 NUMBER = re.compile(r"-\.?\d")
 
 
@@ -33,12 +36,52 @@ class WithNumbers(TyperCommand):
         if unknown := _unknown(args, self.get_params(ctx)):
             ctx.fail(f"No such option: {unknown}")
         ctx.ignore_unknown_options = True
+        self._require_numbers(ctx, args)
         rest: list[str] = super().parse_args(ctx, args)
         return rest
+
+    def _require_numbers(self, ctx: Any, args: list[str]) -> None:
+        """Raise BadParameter for a text in place of a number, and for a number out of its bounds."""
+        from ..io.text.files import show
+
+        given, _, _ = self.make_parser(ctx).parse_args(args=list(args))
+        hints = get_type_hints(self.callback, include_extras=True)
+        parameter: Any
+        for parameter in self.get_params(ctx):
+            kind, bounds = _number_asked(hints.get(parameter.name))
+            text = given.get(parameter.name)
+            if kind is not None and isinstance(text, str) and (wanted := _unlike(text, kind, bounds)):
+                raise typer.BadParameter(f"found {show(text)}, wanted {wanted}", ctx=ctx, param=parameter)
 
     def get_short_help_str(self, limit: int = 45) -> str:
         """The first paragraph of the help, however long."""
         return _summary(self.help)
+
+
+def _number_asked(hint: Any) -> tuple[type | None, tuple[float | None, float | None]]:
+    """Whether an annotation asks for an int or a float, and its least and most."""
+    asked = [getattr(hint, "__origin__", None), *get_args(getattr(hint, "__origin__", None))]
+    kind = next((kind for kind in (int, float) if kind in asked), None)
+    return (
+        (None, (None, None)) if kind is None else (kind, (hint.__metadata__[0].min, hint.__metadata__[0].max))
+    )
+
+
+def _unlike(text: str, kind: type, bounds: tuple[float | None, float | None]) -> str | None:
+    """What is wanted of a number, in words; None for a text that is it."""
+    from ..io.text.numbers import number, whole
+
+    value = whole(text, MOST_DIGITS) if kind is int else number(text)
+    least, most = (
+        (-math.inf if bounds[0] is None else bounds[0]),
+        (math.inf if bounds[1] is None else bounds[1]),
+    )
+    if value is not None and least <= value <= most:
+        return None
+    words = "a whole number" if kind is int else "a finite number"
+    if bounds[0] is not None:
+        words += f", {least:.16g} to {most:.16g}" if bounds[1] is not None else f", {least:.16g} or more"
+    return f"{words}, of at most {MOST_DIGITS} digits" if kind is int and bounds[1] is None else words
 
 
 def _unknown(args: list[str], parameters: list[Any]) -> str | None:

@@ -124,7 +124,7 @@ def estimator_of(
     from ..estimators.robust import Robust
     from ..table.parameter_names import parameters
 
-    wanted = [name.strip() for text in estimate for name in text.split(",") if name.strip()]
+    wanted = [name.strip() for text in estimate for name in text.split(",")]
     if campaign.several and method not in WITH_PARAMETERS:
         raise ArgumentError(
             "method",

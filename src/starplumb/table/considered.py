@@ -10,6 +10,7 @@ it stands in the covariance of the answer, and is not estimated::
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
 
 import numpy as np
@@ -26,6 +27,7 @@ from .parameters import LookAngles, Optics, Parameter, TrackerMounting
 Array = NDArray[np.float64]
 
 REFRACTION = "refraction"
+_PERCENT = re.compile(r"\s*\+?((?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?)\s*%")
 
 
 def considered(stated: Mapping[str, str], campaign: Campaign) -> tuple[tuple[str, float], ...]:
@@ -48,11 +50,9 @@ def considered(stated: Mapping[str, str], campaign: Campaign) -> tuple[tuple[str
 
 
 def _percent(text: str) -> float:
-    try:
-        part = float(text.removesuffix("%")) / 100.0
-    except ValueError:
-        part = np.nan
-    if not text.endswith("%") or not 0.0 < part < np.inf:
+    found = _PERCENT.fullmatch(text)
+    part = float(found[1]) / 100.0 if found else np.nan
+    if not 0.0 < part < np.inf:
         wanted = 'wanted a positive part of the refraction such as "10%"'
         raise ArgumentError(f"consider.{REFRACTION}", f'found "{text}", {wanted}')
     return part

@@ -22,7 +22,7 @@ MOST_FINITE = 1e75
 _LETTERS = b"0123456789.+-eE \t"
 _BLANKS = " \t"
 _NUMBER = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+))(?:[eE]([-+]?\d{1,6}))?", re.ASCII)
-_WHOLE = re.compile(r"[-+]?\d{1,18}", re.ASCII)
+_WHOLE = re.compile(r"[-+]?\d+", re.ASCII)
 _MOST_DIGITS = 400
 """Of a decimal number that is kept exactly, and the largest of its exponents."""
 
@@ -73,10 +73,10 @@ def decimal(text: str) -> Decimal | None:
     return Decimal(found[0])
 
 
-def whole(text: str) -> int | None:
-    """A whole number of at most 18 digits; None for any other text."""
+def whole(text: str, digits: int = 18) -> int | None:
+    """A whole number of at most so many digits; None for any other text."""
     plain = text.strip(_BLANKS)
-    return int(plain) if _WHOLE.fullmatch(plain) else None
+    return int(plain) if _WHOLE.fullmatch(plain) and len(plain.lstrip("+-")) <= digits else None
 
 
 def finite_float(value: object) -> float | None:

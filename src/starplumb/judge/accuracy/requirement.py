@@ -15,7 +15,9 @@ if TYPE_CHECKING:
     from ..calibrate import Calibration
 
 Measure = Literal["CE90", "rms", "interval"]
-_FORM = re.compile(r"\s*(\d+(?:\.\d*)?|\.\d+)\s*(m|km|arcsec)\s*(CE90|rms|rmse)?\s*", re.IGNORECASE)
+_FORM = re.compile(
+    r"\s*(\d+(?:\.\d*)?|\.\d+)\s*(m|km|arcsec)\s*(CE90|rms|rmse)?\s*", re.IGNORECASE | re.ASCII
+)
 
 
 @dataclass(frozen=True)
@@ -50,7 +52,7 @@ def requirement(text: str) -> Requirement:
     """A requirement from its words: ``5 m CE90``, ``3 m rms``, ``2 arcsec``.  Raises ArgumentError."""
     found = _FORM.fullmatch(text)
     unit, measure = (found[2].lower(), (found[3] or "").lower()) if found else ("", "")
-    if found is None or float(found[1]) <= 0.0 or (unit == "arcsec") != (not measure):
+    if found is None or not 0.0 < float(found[1]) < np.inf or (unit == "arcsec") != (not measure):
         raise ArgumentError(
             "requirement", f"found {text!r}, wanted a limit such as '5 m CE90', '3 m rms' or '2 arcsec'"
         )

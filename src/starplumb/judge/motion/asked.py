@@ -24,6 +24,9 @@ def columns_asked(drift: str) -> tuple[str, ...]:
     if drift in (NONE, AUTO):
         return ()
     names = [part.strip() for part in drift.split(",")]
+    twice = next((name for i, name in enumerate(names) if name in names[:i]), None)
+    if twice is not None:
+        raise ArgumentError("drift", f"found {twice!r} twice, wanted each model once")
     return tuple(dict.fromkeys(column for name in names for column in _columns(name)))
 
 
@@ -31,7 +34,7 @@ def _columns(name: str) -> tuple[str, ...]:
     kind, _, which = name.partition(":")
     if kind == LINEAR and not which:
         return (LINEAR,)
-    if kind == ORBIT and which.isdecimal() and 1 <= int(which) <= MOST_HARMONICS:
+    if kind == ORBIT and which in map(str, range(1, MOST_HARMONICS + 1)):
         return harmonics(int(which))
     if kind == TEMPERATURE and which:
         return (name,)
