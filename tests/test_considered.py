@@ -265,6 +265,11 @@ def test_what_is_considered_is_read_and_written(tmp_path):
             "consider.focal_length: found focal_length=5, wanted a positive number with",
         ),
         ('look_angles = "0.4px"\n', "consider: found 'look_x_1', wanted focal_length or distortion"),
+        (
+            'focal_length = "1e200mm"\n',
+            "consider.focal_length: found focal_length=1e200mm, wanted a positive",
+        ),
+        ('refraction = "1e300%"\n', 'consider.refraction: found "1e300%", wanted a positive part'),
         ('refraction = "0.1"\n', 'consider.refraction: found "0.1", wanted a positive part'),
         ('refraction = "1_0%"\n', 'consider.refraction: found "1_0%", wanted a positive part'),
         ('refraction = "٣%"\n', 'consider.refraction: found "٣%", wanted a positive part'),

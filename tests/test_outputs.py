@@ -250,6 +250,28 @@ def test_a_full_output_is_one_sentence(example):
     assert shell("starplumb --version > /dev/full", example) == Spoken(2, "", FULL)
 
 
+@pytest.mark.parametrize(
+    ("command", "status"),
+    [("starplumb --version", 0), ("PYTHONUNBUFFERED=1 starplumb --help", 0), ("starplumb nothing", 2)],
+)
+def test_a_reader_that_has_gone_is_no_error(tmp_path, command, status):
+    gone = "mkfifo p; exec 8<> p 9> p 8<&-; {} >&9 2>&9; echo $?"
+    assert shell(gone.format(command), tmp_path) == Spoken(0, f"{status}\n", "")
+
+
+@pytest.mark.slow
+def test_every_kind_of_output_may_lose_its_reader(example):
+    gone = "mkfifo p; exec 8<> p 9> p 8<&-; "
+    commands = (
+        "check campaign.toml",
+        "project campaign.toml",
+        "calibrate campaign.toml",
+        "check campaign.toml --json",
+    )
+    each = "; ".join(f"starplumb {command} >&9 2>&9; echo $?" for command in commands)
+    assert shell(gone + each + "; ls result/result.json", example).out == "0\n" * 4 + "result/result.json\n"
+
+
 @pytest.mark.slow
 def test_output_that_is_closed_full_or_narrow(example):
     assert shell("starplumb check campaign.toml --json > /dev/full", example) == Spoken(2, "", FULL)

@@ -9,13 +9,16 @@ import os
 import sys
 from collections.abc import Callable
 from contextlib import suppress
-from typing import Any
+from typing import TYPE_CHECKING, Any, BinaryIO, cast
 
 import typer
 from typer.core import TyperGroup
 
 from ..disk.interruption import Stopped
 from ..io.text.visible import OBEYED, visible
+
+if TYPE_CHECKING:
+    from typing_extensions import Buffer
 
 _IN_JSON = {code: f"\\u{code:04x}" for code in OBEYED}
 _NO_OUTPUT = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF)
@@ -52,6 +55,36 @@ def prepare() -> None:
             setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115, PTH123
         if isinstance(channel := getattr(sys, name), io.TextIOWrapper):
             channel.reconfigure(errors="backslashreplace")
+            setattr(sys, name, _for_any_reader(channel))
+
+
+class _Unread(io.FileIO):
+    """A channel whose reader may go: what is written to it then goes nowhere, and the command goes on."""
+
+    def write(self, data: Buffer, /) -> int:
+        try:
+            return super().write(data) or 0
+        except BrokenPipeError:
+            nowhere = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(nowhere, self.fileno())
+            os.close(nowhere)
+            return super().write(data) or 0
+
+
+def _for_any_reader(channel: io.TextIOWrapper) -> io.TextIOWrapper:
+    """The same channel for a reader that may go; one that is not of this process as it is."""
+    unbuffered = isinstance(channel.buffer, io.FileIO)  # python -u
+    if type(channel.buffer if unbuffered else getattr(channel.buffer, "raw", None)) is not io.FileIO:
+        return channel
+    channel.flush()
+    to = _Unread(channel.fileno(), "w", closefd=False)
+    return io.TextIOWrapper(
+        cast(BinaryIO, to if unbuffered else io.BufferedWriter(to)),
+        channel.encoding,
+        channel.errors,
+        line_buffering=channel.line_buffering,
+        write_through=channel.write_through,
+    )
 
 
 def finish(run: Callable[[], None]) -> None:

@@ -12,3 +12,6 @@ UM = 1e-6
 
 C_LIGHT = 299_792_458.0
 """Speed of light, m/s (exact)."""
+
+LEAST_SIGMA, MOST_SIGMA = 1e-6, 1e7
+"""Of a sigma in the unit that a user writes; beyond them squares and their ratios leave what doubles can add up."""

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from ..physics.errors import ArgumentError
 from ..physics.light import refraction_shift
+from ..physics.units import LEAST_SIGMA, MOST_SIGMA
 from .campaign import Campaign
 from .error_sources import Source, as_stated
 from .observations import Observations, first_of_image
@@ -51,11 +52,12 @@ def considered(stated: Mapping[str, str], campaign: Campaign) -> tuple[tuple[str
 
 def _percent(text: str) -> float:
     found = _PERCENT.fullmatch(text)
-    part = float(found[1]) / 100.0 if found else np.nan
-    if not 0.0 < part < np.inf:
-        wanted = 'wanted a positive part of the refraction such as "10%"'
+    percent = float(found[1]) if found else np.nan
+    if not LEAST_SIGMA <= percent <= MOST_SIGMA:
+        limits = f"{LEAST_SIGMA:g} to {MOST_SIGMA:g} %"
+        wanted = f'wanted a positive part of the refraction such as "10%", {limits}'
         raise ArgumentError(f"consider.{REFRACTION}", f'found "{text}", {wanted}')
-    return part
+    return percent / 100.0
 
 
 def _parameters(campaign: Campaign, sigmas: Mapping[str, float]) -> tuple[Parameter, ...]:

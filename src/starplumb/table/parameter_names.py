@@ -12,7 +12,7 @@ import numpy as np
 
 from ..physics.camera import FrameCamera, LineScanCamera
 from ..physics.errors import ArgumentError
-from ..physics.units import ARCSEC
+from ..physics.units import ARCSEC, LEAST_SIGMA, MOST_SIGMA
 from .campaign import Campaign
 from .parameters import OPTICS, LookAngles, Optics, Parameter, TimeOffset, TrackerMounting
 
@@ -100,12 +100,18 @@ def sigma_of(name: str, text: str, campaign: Campaign, key: str = "estimate") ->
         "": ("",),
     }[unit]
     match = _SIGMA.fullmatch(text)
-    if match is None or match[2] not in kinds or not float(match[1]) > 0.0:
+    found = np.nan
+    if match is not None and match[2] in kinds:
+        found = float(match[1]) * UNITS[match[2]]
+        if name.startswith("look") and match[2] == "px" and isinstance(campaign.camera, LineScanCamera):
+            found *= campaign.camera.pixel_rad
+    if not LEAST_SIGMA <= found / UNITS[unit] <= MOST_SIGMA:
         form = f"a positive number with its unit ({', '.join(kinds)})" if unit else "a positive number"
-        raise ArgumentError(key, f"found {name}={text}, wanted {form} as sigma, such as {name}=5{unit}")
-    if name.startswith("look") and match[2] == "px" and isinstance(campaign.camera, LineScanCamera):
-        return float(match[1]) * campaign.camera.pixel_rad
-    return float(match[1]) * UNITS[match[2]]
+        limits = f"{LEAST_SIGMA:g} to {MOST_SIGMA:g} {unit}".rstrip()
+        raise ArgumentError(
+            key, f"found {name}={text}, wanted {form} as sigma, {limits}, such as {name}=5{unit}"
+        )
+    return found
 
 
 def _optics(campaign: Campaign, names: tuple[str, ...], sigmas: Mapping[str, float]) -> Optics:

@@ -15,6 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...physics.units import LEAST_SIGMA, MOST_SIGMA
+
 Array = NDArray[np.float64]
 
 MOST_FINITE = 1e75
@@ -27,8 +29,6 @@ _MOST_DIGITS = 400
 """Of a decimal number that is kept exactly, and the largest of its exponents."""
 
 
-LEAST_SIGMA, MOST_SIGMA = 1e-6, 1e7
-"""In the unit that a key or column names; beyond them squares and their ratios leave what doubles can add up."""
 SIGMA_WORDS = f"{LEAST_SIGMA:g} to {MOST_SIGMA:g}"
 LEAST, MOST = 1e-9, 1e12
 """Of other positive numbers."""
