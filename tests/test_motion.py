@@ -335,6 +335,13 @@ def test_the_error_of_a_prediction_grows_outside_the_span_and_is_said(rng):
     ratio = np.diagonal(outside.covariance_E) / np.diagonal(inside.covariance_E)
     np.testing.assert_allclose(ratio, 13.0, rtol=0.1)
     assert "outside the span" in outside.notices[0]
+    assert "taken to stay" not in outside.notices[0]
+    # years later it is no farther than the motion that would have been found, or what one span leaves possible
+    later, unseen = predicted(rests, last + 10_000 * orbit_ns), np.array(rests.motion.unseen_drift_arcsec2)
+    limit = np.maximum(rests.motion.detectable_arcsec, np.sqrt(np.diagonal(unseen))) * ARCSEC
+    grown = np.diagonal(later.covariance_E - inside.covariance_E)
+    np.testing.assert_allclose(np.sqrt(grown), limit, rtol=1e-6)
+    assert "taken to stay" in later.notices[0]
     drifts = document_of(calibrate_moving(campaign, Gls(), "linear"))
     sigma = [np.sqrt(np.diagonal(predicted(drifts, t).covariance_E)) for t in (last, last + orbit_ns)]
     assert np.all(sigma[1] > 3.0 * sigma[0])

@@ -30,6 +30,47 @@ def test_two_campaigns_one_after_the_other_are_their_information_summed(tmp_path
         np.testing.assert_allclose(found.correction_arcsec, covariance @ N[1] @ apart, atol=0.02)
 
 
+def earlier(path, days, deg=0.0):
+    """A saved result of images so many days before, of a mounting turned by so much."""
+    document = json.loads(path.read_text())
+    ends = np.array([document["span"][end].rstrip("Z") for end in ("first", "last")], dtype="datetime64[ns]")
+    ends -= np.timedelta64(round(days * 86400.0), "s")
+    document["span"] = dict(zip(("first", "last"), map(str, ends), strict=True))
+    turned = so3.exp(np.radians([deg, 0.0, 0.0])) @ np.array(document["mounting"]["matrix"])
+    document["mounting"]["matrix"] = turned.tolist()
+    document["mounting"]["quaternion_xyzw"] = so3.to_quaternion(turned).tolist()
+    path.write_text(json.dumps(document))
+    return path
+
+
+def test_a_prior_of_minutes_a_month_before_keeps_its_covariance(tmp_path):
+    """Its mounting showed no motion, and is said to be taken to rest: the informations add up as of one campaign, to a
+    thousandth of a sigma."""
+    first = sp.calibrate(sp.demo(images=8, seed=1), method="gls")
+    alone = sp.calibrate(sp.demo(images=8, seed=2), method="gls")
+    first.save(tmp_path, report=False)
+    at_once = sp.calibrate(sp.demo(images=8, seed=2), method="gls", prior=first)
+    path = earlier(tmp_path / "result.json", 30.0)
+    found = sp.calibrate(sp.demo(images=8, seed=2), method="gls", prior=path)
+    joint = np.linalg.inv(np.linalg.inv(first.covariance_arcsec2) + np.linalg.inv(alone.covariance_arcsec2))
+    np.testing.assert_allclose(found.sigma_arcsec, np.sqrt(np.diagonal(joint)), rtol=1e-3)
+    np.testing.assert_allclose(found.correction_arcsec, at_once.correction_arcsec, atol=1e-6)
+    assert f"the prior {path}: taken to be at rest over the 30 d from its images to these" in found.message
+    assert "taken to be at rest" not in at_once.message
+
+
+def test_a_prior_of_another_mounting_a_day_before_is_contradicted(tmp_path):
+    """However far it is, no answer is called good."""
+    sp.calibrate(sp.demo(images=8, seed=1), method="gls").save(tmp_path, report=False)
+    for deg in (0.01, 90.99):  # in all, 91 degrees
+        found = sp.calibrate(
+            sp.demo(images=8, seed=2), prior=earlier(tmp_path / "result.json", 1.0, deg), method="gls"
+        )
+        assert found.status in ("weak", "refuted", "not_converged")
+        assert "contradict" in found.message
+        assert f"the prior {tmp_path / 'result.json'}" in found.message
+
+
 def test_the_command_takes_a_prior_and_records_it(tmp_path):
     first, second = (written_demo(tmp_path / name, "--images", 3, "--seed", k) for k, name in enumerate("ab"))
     assert starplumb("calibrate", first, "--no-report").status == 0

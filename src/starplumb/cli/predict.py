@@ -31,7 +31,7 @@ def predict(
     """The mounting at a time and the covariance of its error, from a result or an archive alone.
 
     A mounting whose motion was estimated (calibrate --drift) moves; outside the span of the images the covariance
-    grows.
+    grows, of one that showed no motion up to the motion that it would have shown.
 
     Examples:
 

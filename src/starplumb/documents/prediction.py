@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from ..judge.motion.averaging import Motion
+from ..judge.motion.directed import FOUND_P
 from ..judge.motion.regressors import TEMPERATURE, Scales, When
 from ..judge.trust import NORMAL_95
 from ..physics import so3
@@ -73,9 +74,10 @@ def predicted(
     own ``orbit``.
 
     Outside the span of the images the covariance holds what a further session adds, where the result tells that, and
-    grows by the steady change that they leave possible, as the square of the time beyond it over the span.
+    grows by the steady change that they leave possible, as the square of the time beyond it over the span; where they
+    found none, up to the one that they would have found.
     """
-    outside_s, span_s = _outside(document, t_ns)
+    outside_s, span_s = outside(document, t_ns)
     known = document.covariance_E
     model = None if document.motion is None else document.motion.model
     turn: Array = np.zeros(3)
@@ -89,15 +91,49 @@ def predicted(
     if outside_s > 0.0:
         steady = model is not None and "linear" in model.columns
         known = known + _further(document, known)
-        known = known + (outside_s / span_s) ** 2 * _unseen(document, known) * (not steady)
+        unseen = _unseen(document, known) * (not steady)
+        drift, limit = (outside_s / span_s) ** 2 * unseen, _most(document, unseen)
+        share = np.minimum(1.0, limit / np.maximum(np.sqrt(np.diagonal(drift)), 1e-300))
+        known = known + share[:, None] * drift * share
         notices.append(
             f"{outside_s / 86400.0:.3g} d outside the span of the images: the covariance is larger by what they leave "
-            "possible there"
+            f"possible there{_held(limit, share)}"
         )
     return Prediction(so3.exp(turn) @ document.C_EK, known, turn, outside_s, tuple(notices))
 
 
-def _outside(document: ResultDocument, t_ns: int) -> tuple[float, float]:
+def _most(document: ResultDocument, unseen: Array) -> Array:
+    """Sigmas (3,) rad of a change at any time: of a mounting that rests the amplitude that would have been found, no
+    less than what is possible over the span."""
+    amplitude = unseen_amplitude(document)
+    return np.full(3, np.inf) if amplitude is None else np.maximum(amplitude, np.sqrt(np.diagonal(unseen)))
+
+
+def _held(limit: Array, share: Array) -> str:
+    if np.all(share == 1.0):
+        return ""
+    sigma = ", ".join(f"{x:.2g}" for x in limit / ARCSEC)
+    return (
+        f", a mounting that showed no motion being taken to stay within {sigma} arcsec about x, y, z (one sigma): the "
+        "motion that would have been found, or what is possible over the span"
+    )
+
+
+def rests(document: ResultDocument) -> bool:
+    """Whether a motion was neither found nor estimated."""
+    motion = document.motion
+    return motion is None or (motion.model is None and all(test.p >= FOUND_P for test in motion.tests))
+
+
+def unseen_amplitude(document: ResultDocument) -> float | None:
+    """The motion, rad, that a mounting at rest would have shown; None where there is none such."""
+    motion = document.motion
+    if motion is None or motion.detectable_arcsec is None or not rests(document):
+        return None
+    return ARCSEC * float(motion.detectable_arcsec)
+
+
+def outside(document: ResultDocument, t_ns: int) -> tuple[float, float]:
     """Time beyond the span of the images, and what it is counted by, s."""
     if document.span is None:
         return 0.0, LEAST_SPAN_S

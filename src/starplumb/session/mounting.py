@@ -10,11 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..disk.publish import unlike
-from ..documents.prediction import Prediction, predicted
+from ..documents.prediction import Prediction, outside, predicted, rests, unseen_amplitude
 from ..documents.result import ResultDocument
 from ..estimators.protocol import Status
 from ..io.text.files import read_text
 from ..physics.errors import InputError
+from ..physics.units import ARCSEC
 from ..table.cameras.views import of_camera
 from .campaign import Campaign
 from .result import Result
@@ -79,25 +80,48 @@ def _model(campaign: Campaign, *notices: str) -> Mounting:
 def known_before(campaign: Campaign, result: Result | str | Path) -> tuple[Mounting, Mapping[str, str]]:
     """The mounting of an earlier result, as a prior, and the digests of what that was made from.
 
-    Raises InputError where it cannot be used.
+    One that rests keeps its covariance, as the model has it: that of the two campaigns is then the joint one.  Raises
+    InputError where it cannot be used.
     """
     if isinstance(result, Result):
-        return _of_result(campaign, result, FIRST), result.campaign.loaded.inputs
-    document = _document(campaign, Path(result))
-    known = _at_image(campaign, document, _of_document(document, Path(result)), FIRST)
-    return known, document.inputs
+        document, mounting = _result(campaign, result)
+        inputs: Mapping[str, str] = result.campaign.loaded.inputs
+    else:
+        document = _document(campaign, Path(result))
+        mounting, inputs = _of_document(document, Path(result)), document.inputs
+    if not rests(document):
+        return _at_image(campaign, document, mounting, FIRST), inputs
+    return replace(mounting, notices=_at_rest(campaign, document)), inputs
+
+
+def _at_rest(campaign: Campaign, document: ResultDocument) -> tuple[str, ...]:
+    """Over what time a result is taken to be at rest, and what it could not have seen."""
+    away_s = max(outside(document, t_ns)[0] for t_ns in campaign.loaded.campaign.images.t_ns.tolist())
+    if away_s == 0.0:
+        return ()
+    amplitude = unseen_amplitude(document)
+    less = "no motion" if amplitude is None else f"none below {amplitude / ARCSEC:.2g} arcsec"
+    return (
+        f"taken to be at rest over the {away_s / 86400.0:.2g} d from its images to these; of a motion it could have "
+        f"seen {less}",
+    )
 
 
 def _of_result(campaign: Campaign, result: Result, image: int | None) -> Mounting:
+    document, mounting = _result(campaign, result)
+    mounting = replace(mounting, notices=_other_inputs(result.campaign.loaded.inputs, campaign, "the result"))
+    return _at_image(campaign, document, mounting, image)
+
+
+def _result(campaign: Campaign, result: Result) -> tuple[ResultDocument, Mounting]:
+    """The document of a usable result, and its mounting."""
     result.raise_if_unusable()
     c, name = result.calibration, f"result, {result.method}"
     document = _of_camera(campaign, ResultDocument.of(result.document), "the result")
     C_EK, covariance, half = result.C_EK, c.estimate.covariance_E, c.interval_95_E
     if campaign.camera is not None:
         C_EK, covariance, half = document.C_EK, document.covariance_E, document.interval_95_E
-    mounting = _stated(C_EK, covariance, half, c.status is Status.WEAK, name, "the result")
-    mounting = replace(mounting, notices=_other_inputs(result.campaign.loaded.inputs, campaign, "the result"))
-    return _at_image(campaign, document, mounting, image)
+    return document, _stated(C_EK, covariance, half, c.status is Status.WEAK, name, "the result")
 
 
 def _of_camera(campaign: Campaign, document: ResultDocument, where: str) -> ResultDocument:

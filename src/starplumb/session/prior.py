@@ -9,6 +9,7 @@ from pathlib import Path
 
 from ..documents.normals import NormalsDocument
 from ..documents.result import ResultDocument
+from ..estimators.protocol import Status
 from ..io.tables.read import read_table
 from ..io.text.files import fingerprint, read_text
 from ..judge.calibrate import Calibration
@@ -25,19 +26,25 @@ BESIDE = ("residuals.csv", "normals.json")
 @dataclass(frozen=True)
 class Prior:
     """What was known of a campaign's mounting: its ``name`` in messages, and the ``landmarks`` that it is known to have
-    been found from."""
+    been found from; ``notices`` say what it is taken for."""
 
     name: str
     landmarks: frozenset[str]
+    notices: tuple[str, ...] = ()
 
     def told(self, calibration: Calibration) -> Calibration:
-        """A calibration that rests on it, which says where the survey of a landmark counts twice."""
+        """A calibration that rests on it, which says what it is taken for, and where the survey of a landmark counts
+        twice."""
         c = calibration
+        if c.status is Status.NOT_CONVERGED:
+            return replace(c, sentences=(*c.sentences, f"{self.name} may be wrong: calibrate without it"))
         if not c.status.usable:
             return c
         used = (c.campaign.landmarks.ids[i] for i in set(c.observations.landmark[c.residuals.used].tolist()))
         again = sorted(self.landmarks.intersection(used))
-        return replace(c, sentences=(*c.sentences, _counted_twice(self.name, again))) if again else c
+        said = [f"{self.name}: {notice}" for notice in self.notices]
+        twice = [_counted_twice(self.name, again)] if again else []
+        return replace(c, sentences=(*c.sentences, *said, *twice))
 
 
 def _counted_twice(name: str, landmarks: list[str]) -> str:
@@ -69,6 +76,7 @@ def with_prior(campaign: Campaign, result: Result | str | Path) -> tuple[Campaig
         document = ResultDocument.from_json(read_text(path), str(path))
         require_set(path, document, [name for name in BESIDE if path.with_name(name).is_file()])
         prior, inputs = Prior(f"the prior {path}", _landmarks_beside(path)), {str(path): fingerprint(path)}
+    prior = replace(prior, notices=mounting.notices)
     _require_other_sightings(campaign, made_from, prior.name)
     known = replace(
         loaded.campaign,
