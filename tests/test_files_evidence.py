@@ -640,6 +640,10 @@ def test_trackers_that_contradict_each_other_are_named(arcsec, refuses):
     assert found.kind == "trackers"
     assert found.refuses is refuses
     assert "use --estimate trackers" in done.message
+    assert "add a column tracker to the table of images" in done.message
+    named = replace(campaign, images=replace(campaign.images, tracker=tuple("aaabbb")))
+    cure = calibrate(two_trackers(named, np.array([arcsec, 0.0, 0.0]) * ARCSEC), Gls()).evidence[0].remedy
+    assert cure == "use --estimate trackers"
     assert done.status is not Status.OK
     assert held(done, C_EK_true)
     assert not calibrate(two_trackers(campaign, np.zeros(3)), Gls()).evidence

@@ -24,9 +24,10 @@ from starplumb.io.formats.spice import tdb_seconds
 from starplumb.io.tables.declared import Declared
 from starplumb.judge.calibrate import calibrate
 from starplumb.judge.motion.asked import columns_asked
-from starplumb.judge.motion.averaging import averaged, structures
+from starplumb.judge.motion.averaging import Motion, averaged, structures
 from starplumb.judge.motion.directed import FOUND_P, _weights, directed_tests
 from starplumb.judge.motion.estimated import _answer, calibrate_moving
+from starplumb.judge.motion.found import reach, surest
 from starplumb.judge.motion.regressors import Scales, When, families, harmonics, told_apart
 from starplumb.judge.motion.sums import ImageSums, image_sums
 from starplumb.judge.snooping import fit_at
@@ -321,6 +322,18 @@ def test_the_sentence_names_the_axis_that_moves_farthest_and_how_far(rng, drift)
     said = calibrate_moving(campaign, Gls(), drift).sentences
     (size,) = (re.search(r"up to (\d+) arcsec about y", s) for s in said if "probability" in s)
     assert 18 < int(size[1]) < 32
+
+
+def test_what_is_named_of_a_motion_is_its_surest_axis_not_the_worst_known_one():
+    """A drift of 4 arcsec about x, known to 0.2, and of nothing about z, known to 6: at the last image half of each."""
+    at = When(np.array([0, 10]), np.zeros(2), {})
+    spread = np.diag(np.square([0.01, 0.01, 0.01, 0.2, 0.2, 6.0])) * ARCSEC**2
+    drift = np.array([[0.0, 0.0, 0.0], [4.0, 0.0, 0.0]]) * ARCSEC
+    motion = Motion(("mean", "linear"), drift, spread, Scales(0, 10, None, {}), {})
+    size, sigma, axis = surest(motion, at)
+    assert (axis, size / ARCSEC) == (0, pytest.approx(2.0))
+    assert sigma / ARCSEC == pytest.approx(np.hypot(0.01, 0.1))
+    assert int(np.argmax(reach(motion, at))) == 2
 
 
 def test_the_error_of_a_prediction_grows_outside_the_span_and_is_said(rng):

@@ -222,6 +222,7 @@ def source(kind, stated, ratio, p):
             (False, "the across is 0.5 (0.4 to 0.65) times the stated 5 arcsec, less"),
         ),
         ("across", 5.0, 0.5, 1.0 - 1.1e-4, None),
+        ("sightings", 5.0, 0.5, 1.0 - 0.9e-4, (False, "the sightings is 0.5")),
     ],
 )
 def test_what_is_said_of_a_source(kind, stated, ratio, p, told):
@@ -230,6 +231,7 @@ def test_what_is_said_of_a_source(kind, stated, ratio, p, told):
     if told is not None:
         assert found[0].weakens is told[0]
         assert found[0].sentence.startswith(told[1])
+        assert ("do not lower it" in found[0].sentence) == (kind == "across" and ratio == 0.5)
 
 
 @pytest.mark.parametrize(("ratio", "refutes"), [(12.4, False), (12.6, True)])

@@ -75,6 +75,16 @@ def _if_shared(errors: ImageErrors, order: Index, group: Index, kinds: tuple[sli
     return total
 
 
+def _remedy(campaign: Campaign) -> str:
+    named = campaign.images.tracker
+    if named is not None and len(set(named)) > 1:
+        return "use --estimate trackers"
+    return (
+        "add a column tracker to the table of images, which tracker each attitude is from (two or more), and use "
+        "--estimate trackers"
+    )
+
+
 def trackers(
     campaign: Campaign, errors: ImageErrors, covariance_E: Array, estimated: Collection[str] = ()
 ) -> Iterator[Evidence]:
@@ -101,7 +111,7 @@ def trackers(
         f"the star trackers disagree, {times:.2g} times what their sigmas allow: {name} lies "
         f"{angle[j, i] / ARCSEC:.3g} arcsec from their average at image {campaign.images.ids[seen[i]]}; the mounting "
         f"of one of them may be off, and the answer with it by {worst(covariance_E, further)}",
-        "use --estimate trackers",
+        _remedy(campaign),
         refuses=bool(times > ABSURD),
         covariance_E=further,
         rows=(campaign.images.ids[seen[i]],),

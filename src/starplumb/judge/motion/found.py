@@ -107,14 +107,14 @@ def finding_of(found: Moves | None, covariance_E: Array | None, *, taken_out: bo
             return None
         return Finding(f"no motion of the mounting is found; {would_be_found(found)}", False)
     away = reach(found.motion, found.when)
-    axis = int(np.argmax(away))
+    size, sigma, axis = surest(found.motion, found.when)
     stated = NORMAL_95 * np.sqrt(np.diagonal(covariance_E))
     cure = "another --drift may estimate it" if taken_out else "--drift auto estimates the motion"
     how = f"{'besides, ' if taken_out else ''}{described(found.found.columns)} ({probability(found.found.p)})"
     return Finding(
-        f"the mounting moves {how}: it comes to lie up to "
-        f"{away[axis] / ARCSEC:.2g} arcsec about {'xyz'[axis]} from the answer, and the interval holds that; "
-        f"{cure}",
+        f"the mounting moves {how}: it comes to lie "
+        f"{size / ARCSEC:.2g} arcsec (sigma {sigma / ARCSEC:.2g}) about {'xyz'[axis]} from the answer, and the "
+        f"interval holds what it does about all axes; {cure}",
         True,
         reach_E=np.maximum(away - stated, 0.0),
     )
@@ -132,12 +132,26 @@ def would_be_found(found: Moves) -> str:
 def reach(motion: Motion, when: When) -> Array:
     """How far (3,) rad the mounting comes to lie from the answer, at the images and all around the orbit, with
     95 % probability."""
-    d, P = motion.at(when)
-    sides = [np.abs(d) + NORMAL_95 * np.sqrt(np.diagonal(P, axis1=1, axis2=2))]
+    d, sigma = _turns(motion, when)
+    return np.asarray(np.max(np.abs(d) + NORMAL_95 * sigma, axis=0))
+
+
+def surest(motion: Motion, when: When) -> tuple[float, float, int]:
+    """How far, rad, it comes to lie from the answer about the axis and at the place where that is the most sigmas, the
+    sigma there, and the axis."""
+    d, sigma = _turns(motion, when)
+    i, axis = np.unravel_index(np.argmax(np.abs(d) / np.maximum(sigma, 1e-300)), d.shape)
+    return float(np.abs(d[i, axis])), float(sigma[i, axis]), int(axis)
+
+
+def _turns(motion: Motion, when: When) -> tuple[Array, Array]:
+    """Rotations (n, 3) rad from the answer at the images and around the orbit, and their sigmas."""
+    places = [when]
     if any(name.startswith(ORBIT) for name in motion.names):
-        d, P = motion.at(around(motion.scales))
-        sides.append(np.abs(d) + NORMAL_95 * np.sqrt(np.diagonal(P, axis1=1, axis2=2)))
-    return np.asarray(np.max(np.concatenate(sides), axis=0))
+        places.append(around(motion.scales))
+    found = [motion.at(place) for place in places]
+    P = np.concatenate([P for _, P in found])
+    return np.concatenate([d for d, _ in found]), np.sqrt(np.diagonal(P, axis1=1, axis2=2))
 
 
 def around(scales: Scales) -> When:

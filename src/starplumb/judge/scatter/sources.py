@@ -84,7 +84,13 @@ def _told(source: SourceFound, count: int, few: bool) -> Finding | None:
     if source.p < TOO_SMALL_P / count:
         return _too_small(source, few)
     if source.p > 1.0 - TOO_LARGE_P / count and source.stated > 0.0:
-        return Finding(f"{_ratio(source)}, less than it need be: the stated sigma is too large", False)
+        cause = "the stated sigma is too large"
+        if source.kind != SIGHTINGS:
+            cause = (
+                f"the images of a pass may share most of it, which their scatter does not show (shared_by), or "
+                f"{cause}; do not lower it for this alone"
+            )
+        return Finding(f"{_ratio(source)}, less than it need be: {cause}", False)
     return None
 
 
