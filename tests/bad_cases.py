@@ -140,6 +140,11 @@ KEYS = [
     BadCase("toml-empty", put(TOML, b""), ("campaign.toml", "empty file")),
     BadCase("toml-blank", put(TOML, "\n \n"), ("campaign.toml", "empty file")),
     BadCase("toml-folder", folder_instead(TOML), ("campaign.toml", "found a folder", "wanted a file")),
+    BadCase(
+        "toml-endless-integer",
+        swap(TOML, "[camera]", "endless = " + "9" * 5000 + "\n[camera]"),
+        ("campaign.toml, line ", "found a whole number of 5000 digits", "wanted one that a double holds"),
+    ),
     BadCase("toml-utf16", recode(TOML, "utf-16"), ("campaign.toml", "UTF-16", "wanted UTF-8")),
     BadCase("toml-utf16-unmarked", recode(TOML, "utf-16-le"), ("campaign.toml", "UTF-16", "wanted UTF-8")),
     BadCase(

@@ -347,3 +347,28 @@ def test_what_is_not_kept_is_not_run(tmp_path, parts):
     done = archive.rerun()
     assert done["campaigns"] == []
     assert done["not_run"][0]["reason"] == "campaign.toml is not kept"
+
+
+def test_a_full_disk_leaves_no_kept_files(tmp_path, parts, monkeypatch):
+    archive = archive_of(tmp_path)
+
+    def full(*_):
+        raise sqlite3.OperationalError("database or disk is full")
+
+    monkeypatch.setattr(type(archive), "_insert", staticmethod(full))
+    with pytest.raises(InputError, match="found the disk full, wanted room; nothing was added"):
+        archive.add(str(parts["a"]))
+    assert not blobs.folder_of(archive.path).exists()
+    monkeypatch.undo()
+    archive.add(str(parts["a"]))
+    kept = sorted(blobs.folder_of(archive.path).rglob("*.gz"))
+    monkeypatch.setattr(type(archive), "_insert", staticmethod(full))
+    with pytest.raises(InputError, match="nothing was added"):
+        archive.add([str(parts["a"]), str(parts["b"])])
+    assert sorted(blobs.folder_of(archive.path).rglob("*.gz")) == kept
+
+
+def test_an_archive_is_no_result(tmp_path):
+    archive = archive_of(tmp_path)
+    with pytest.raises(InputError, match="found an SQLite database, as archives are, wanted UTF-8 text"):
+        archive.add(str(archive.path))

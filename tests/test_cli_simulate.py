@@ -127,3 +127,13 @@ class Once(Hopeless):
     def __call__(self, observations, C_EK):
         found = super().__call__(observations, C_EK)
         return replace(found, status=np.where(np.arange(found.status.size) == 0, Status.OK, found.status))
+
+
+def test_a_study_that_never_finished_a_chunk_leaves_nothing(monkeypatch, tmp_path):
+    def full(*_):
+        raise InputError("chunk: found no way to write there")
+
+    monkeypatch.setattr("starplumb.study.store.write_arrays", full)
+    told = starplumb(*SIMULATE, "--trials", "300", "--out", tmp_path / "s")
+    assert (told.status, told.err) == (2, "starplumb: chunk: found no way to write there\n")
+    assert not (tmp_path / "s").exists()

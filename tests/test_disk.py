@@ -15,7 +15,7 @@ import pytest
 
 from starplumb.disk import staging
 from starplumb.disk.interruption import Stopped, stop_as_by_ctrl_c, uninterrupted
-from starplumb.disk.owned import Mark
+from starplumb.disk.owned import Mark, require_own
 from starplumb.disk.parts import _machine, half_placed, note_order
 from starplumb.disk.publish import publish, publish_beside, unlike
 from starplumb.io.campaign.read import load_campaign
@@ -290,3 +290,12 @@ def test_a_name_that_is_no_utf_8_is_written_as_json_has_it(tmp_path):
     name = os.fsdecode(b"f\xff")
     publish(tmp_path, {"a.json": json.dumps({"name": name}, ensure_ascii=False)})
     assert json.loads((tmp_path / "a.json").read_text(encoding="utf-8")) == {"name": name}
+
+
+def test_names_that_gdal_takes_for_memory_are_no_places(tmp_path):
+    for place in ("/vsimem", "/vsizip/a.zip", "/VSICURL/http:"):
+        with pytest.raises(InputError, match=r"found a name of GDAL's own \(/vsi...\), wanted one of a file"):
+            publish(Path(place), {"a.txt": "a"})
+        with pytest.raises(InputError, match="found a name of GDAL's own"):
+            require_own(Path(place) / "x.tif", [], lambda _: True)
+    publish(tmp_path / "vsimem", {"a.txt": "a"})

@@ -162,3 +162,9 @@ def test_the_page_of_500_satellites_has_a_row_for_each():
     assert all(f'<th scope="row">S{k}</th>' in page for k in range(500))
     assert "▁█▅" in page
     assert len(page) < 500_000
+
+
+def test_a_result_that_cannot_be_written_is_no_fault_of_the_input(fleet):
+    (fleet[1].parent / "result").write_text("a file in the way\n")
+    document = run(fleet)[1]
+    assert [one["status"] for one in document["campaigns"]] == ["ok", "not written", "ok"]

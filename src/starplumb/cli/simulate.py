@@ -155,7 +155,7 @@ def _resumable(trials: int, out: Path | None, quiet: bool) -> Iterator[Callable[
 
             yield count
     except (KeyboardInterrupt, InputError):
-        if out is not None and not quiet:
+        if kept and out is not None and not quiet:
             complain(
                 f"{kept} of {trials} trials are finished and kept in {out / 'chunks'}; "
                 "the same command with the same --out resumes them"

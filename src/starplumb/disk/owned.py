@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +14,8 @@ from .parts import stale
 
 FILES = "files"
 """The key of a mark under which the other files of its set stand with their digests."""
+
+_OF_GDAL = re.compile(r"/+vsi[a-z0-9_]*(/|$)", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
@@ -38,6 +41,7 @@ def require_replaceable(
     None of ``inputs`` may be, by whatever name or link; with a ``mark`` (its name and kind) only what it says its set
     holds.  Raises InputError about the first that may not.
     """
+    require_on_disk(folder)
     there = {name for name in names if (folder / name).is_symlink() or (folder / name).exists()}
     for name in sorted(there):
         require_not_read(folder / name, inputs)
@@ -49,6 +53,12 @@ def require_replaceable(
     return there
 
 
+def require_on_disk(place: Path) -> None:
+    """Raise InputError for a name that GDAL takes for memory, an archive or a server."""
+    if _OF_GDAL.match(str(place)):
+        raise InputError(f"{place}: found a name of GDAL's own (/vsi...), wanted one of a file on a disk")
+
+
 def require_not_read(place: Path, inputs: Sequence[Path]) -> None:
     """Raise InputError where ``place`` is one of ``inputs``, by whatever name or link."""
     if any(_same(place, path) for path in inputs):
@@ -57,6 +67,7 @@ def require_not_read(place: Path, inputs: Sequence[Path]) -> None:
 
 def require_own(place: Path, inputs: Sequence[Path], own: Callable[[Path], bool]) -> None:
     """Raise InputError where something stands at ``place`` that is read, or that is none of our ``own`` kind."""
+    require_on_disk(place)
     if not (place.is_symlink() or place.exists()):
         return
     require_not_read(place, inputs)

@@ -190,7 +190,14 @@ def _store(study: Plan, out: Path | None) -> Iterator[Store]:
     from tempfile import TemporaryDirectory
 
     if out is not None:
-        yield Store.open(out / "chunks", study)
+        there = out.exists(), (out / "chunks").exists()
+        store = Store.open(out / "chunks", study)
+        try:
+            yield store
+        except BaseException:
+            if not there[1]:
+                store.remove_empty(with_parent=not there[0])
+            raise
         return
     with TemporaryDirectory(prefix="starplumb-") as folder:
         yield Store.open(Path(folder), study)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -43,6 +44,16 @@ class Store:
             )
         _require_same(found, study, folder)
         return cls(folder, study)
+
+    def remove_empty(self, with_parent: bool) -> None:
+        """Take the folder away, and the one it is in if it holds nothing else, where no chunk was ever finished."""
+        if any(self.folder.glob("*.npz")):
+            return
+        with suppress(OSError):
+            (self.folder / MANIFEST).unlink(missing_ok=True)
+            self.folder.rmdir()
+            if with_parent:
+                self.folder.parent.rmdir()
 
     def path(self, c: int) -> Path:
         return self.folder / f"{c:08d}.npz"

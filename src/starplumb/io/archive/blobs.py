@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import gzip
+from collections.abc import Iterable
+from contextlib import suppress
 from hashlib import sha256
 from pathlib import Path
 
@@ -36,6 +38,16 @@ def keep(archive: Path, digest: str, path: Path) -> bool:
         return False
     _write(place, gzip.compress(data, compresslevel=6, mtime=0))
     return True
+
+
+def drop(archive: Path, digests: Iterable[str]) -> None:
+    """Keep files no longer, and folders that hold no other."""
+    with suppress(OSError):
+        for place in [place_of(archive, digest) for digest in digests]:
+            place.unlink(missing_ok=True)
+            for folder in (place.parent, place.parent.parent):
+                with suppress(OSError):
+                    folder.rmdir()
 
 
 def copy(source: Path, target: Path, digest: str) -> bool:

@@ -112,10 +112,11 @@ def transaction(database: sqlite3.Connection) -> Iterator[sqlite3.Connection]:
     patiently(lambda: database.execute("BEGIN IMMEDIATE"))
     try:
         yield database
+        database.execute("COMMIT")
     except BaseException:
-        database.execute("ROLLBACK")
+        if database.in_transaction:  # a full disk has ended it
+            database.execute("ROLLBACK")
         raise
-    database.execute("COMMIT")
 
 
 def patiently(does: Callable[[], Made]) -> Made:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from ...physics.errors import InputError
@@ -115,6 +115,12 @@ def _changed(database: sqlite3.Connection) -> Iterator[str]:
         inputs = sorted(inputs_of(database, entry.id).values())
         if digest(inputs) != entry.inputs_id or digest(inputs, entry.options) != entry.id:
             yield f"campaign {entry.id[:12]} ({entry.name}) is not what its id says: its rows were changed"
+
+
+def unnamed(database: sqlite3.Connection, digests: Iterable[str]) -> list[str]:
+    """Those of digests that no campaign names as an input."""
+    asked = "SELECT 1 FROM input WHERE sha256 = ?"
+    return [digest for digest in digests if database.execute(asked, (digest,)).fetchone() is None]
 
 
 def unkept(path: Path) -> dict[str, list[str]]:

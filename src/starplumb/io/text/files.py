@@ -36,6 +36,9 @@ def cut(text: str) -> str:
     return text if len(text) <= _SHOWN else text[: _SHOWN - 3] + "..."
 
 
+_SQLITE = b"SQLite format 3\0"
+
+
 def show(value: object) -> str:
     """``value`` as one short line: text in double quotes, control characters escaped, as in TOML."""
     if isinstance(value, bool):
@@ -136,6 +139,8 @@ def read_text(path: Path, most: int = MOST_TEXT, most_lines: int | None = MOST_L
     data = read_bytes(path, most)
     if most_lines is not None and max(data.count(b"\n"), data.count(b"\r")) > most_lines:
         raise InputError(f"{path}: found more than {most_lines:,} lines, wanted fewer")
+    if data.startswith(_SQLITE):
+        raise InputError(f"{path}: found an SQLite database, as archives are, wanted UTF-8 text")
     if (encoding := _wide_encoding(data)) is not None:
         raise InputError(f"{path}: found {encoding} text, wanted UTF-8")
     if (at := data.find(0)) >= 0:

@@ -28,6 +28,10 @@ def read_toml(path: Path) -> dict[str, Any]:
     except (ValueError, RecursionError) as error:
         reason = " ".join(str(error).split())
         where = re.search(r" \(at line (\d+), column (\d+)\)$", reason)
+        if digits := re.search(r"[0-9_]{4000,}", text) if "integer string conversion" in reason else None:
+            at = text.count("\n", 0, digits.start()) + 1
+            found = f"found a whole number of {len(digits[0])} digits"
+            raise InputError(f"{path}, line {at}: {found}, wanted one that a double holds") from None
         if where is None:
             raise InputError(
                 f"{path}: found text that is not TOML ({reason}), wanted key = value lines and [sections]"

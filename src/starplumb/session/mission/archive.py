@@ -70,9 +70,16 @@ class Archive(Shown):
         if unnamed is not None and not default:
             default = unnamed
         found = [coming(one, satellite, default) for one in each]
-        kept = [self._keep(one) for one in found]
-        with store.opened(self.path) as database, store.transaction(database):
-            new = [self._insert(database, one) for one in found]
+        digests = {digest for one in found for digest in one.row.inputs.values()}
+        absent = [digest for digest in digests if not blobs.place_of(self.path, digest).is_file()]
+        with store.opened(self.path) as database:
+            try:
+                kept = [self._keep(one) for one in found]
+                with store.transaction(database):
+                    new = [self._insert(database, one) for one in found]
+            except BaseException:
+                blobs.drop(self.path, unite.unnamed(database, absent))
+                raise
         return {
             "schema": "starplumb-archive-add/1",
             "archive": str(self.path),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, cast
 
@@ -19,6 +20,9 @@ from .adding import options_of
 
 UNUSABLE = "unusable input"
 """Status of a campaign that could not be calibrated at all."""
+
+NOT_WRITTEN = "not written"
+"""Status of a campaign whose result could not be written where it belongs."""
 
 
 @dataclass(frozen=True)
@@ -65,15 +69,26 @@ class Fleet:
                 self.asked.start,
                 self.asked.drift,
             )
-            result.save(place, self.asked.report)
         except NotIdentified as refused:
-            refused.save(place)
-            return _outcome(path, place, "not_converged", str(refused))
+            return _written(path, place, partial(refused.save, place), "not_converged", str(refused))
         except StarplumbError as error:
             return _outcome(path, None, UNUSABLE, str(error))
         except Exception as error:  # a fault of ours in one campaign stops no other
             return _outcome(path, None, UNUSABLE, f"{path}: {type(error).__name__}: {error}")
-        return _outcome(path, place, result.status, result.message)
+        return _written(
+            path, place, partial(result.save, place, self.asked.report), result.status, result.message
+        )
+
+
+def _written(path: Path, place: Path, save: Callable[[], Any], status: str, message: str) -> dict[str, Any]:
+    """What came of a campaign whose result is to be saved."""
+    try:
+        save()
+    except StarplumbError as error:
+        return _outcome(path, None, NOT_WRITTEN, str(error))
+    except Exception as error:  # as above
+        return _outcome(path, None, NOT_WRITTEN, f"{path}: {type(error).__name__}: {error}")
+    return _outcome(path, place, status, message)
 
 
 def _outcome(
