@@ -340,7 +340,8 @@ def test_what_is_known_already_is_taken_whole(tmp_path):
         (("wide-swath",), "found neither [site] nor a table of sites"),
         (("cubesat-6u", "--start", "soon"), "--start: "),
         (("cubesat-6u", "--start", "2026-03-21T00:00:00", "--days", "0.1"), "found no view of home"),
-        (("cubesat-6u", "--days", "4000"), "the span of the plan"),
+        (("cubesat-6u", "--days", "3000"), "the span of the plan"),
+        (("cubesat-6u", "--days", "1e6"), "--days: found 1000000.0, wanted days above 0, at most 3653"),
         (("cubesat-6u", "--images", "0"), "--images: "),
         (("cubesat-6u", "--sites", "none.csv"), "none.csv: "),
     ],
@@ -374,3 +375,9 @@ def test_sigmas_are_in_arcsec(small, told):
     P = covariance(Design(told, P0, W), [0])
     assert 1.0 < float(np.sqrt(P[0, 0])) / ARCSEC < 200.0
     assert found.n == told.n
+
+
+def test_a_target_met_before_the_first_image_is_said():
+    done = starplumb("plan", "cubesat-6u", "--images", "2", "--days", "3", "--target", "1e7")
+    assert done.status == 2
+    assert "found a target of 1e+07 arcsec that is met before the first image" in done.err

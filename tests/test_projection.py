@@ -12,6 +12,7 @@ import pytest
 from typer.testing import CliRunner
 
 import starplumb as sp
+from command import demo, starplumb
 from starplumb.cli.app import app
 from starplumb.physics import so3
 from starplumb.physics.earth import C_JT
@@ -267,3 +268,23 @@ def test_an_image_id_asks_for_one_image(path, tmp_path):
     table = tmp_path / "sites.csv"
     table.write_text("image_id,x_m,y_m,z_m\nimage02,6378137,0,0\nimage01,6378137,0,0\nimage9,6378137,0,0\n")
     assert "found 'image9', wanted one of image01, image02" in str(run(path, str(table)).exception)
+
+
+def test_places_without_end_are_refused_before_they_are_kept(tmp_path, monkeypatch):
+    from starplumb.io.campaign.marks import sites
+    from starplumb.io.text import files
+
+    campaign = demo(tmp_path / "demo")
+    monkeypatch.setattr(files, "MOST_TEXT", 100_000)
+    with Path("/dev/zero").open() as endless, monkeypatch.context() as patched:
+        patched.setattr("sys.stdin", endless)
+        done = starplumb("project", campaign, "-")
+    said = "standard input: found more than 100,000 bytes, wanted at most that many"
+    assert (done.status, done.err) == (2, f"starplumb: {said}\n")
+    table = tmp_path / "y.csv"
+    table.write_text("1,2,3,4\n" * 20_000, encoding="utf-8")
+    monkeypatch.setattr(sites, "MOST_TEXT", 150_000)
+    assert "y.csv: found 160,000 bytes, wanted at most 150,000" in starplumb("project", campaign, table).err
+    table.write_text("latitude_deg,longitude_deg,height_m\n45,10,0\n46,10,0\n", encoding="utf-8")
+    monkeypatch.setattr(sites, "MOST_SITES", 1)
+    assert "y.csv: found 2 places, wanted at most 1 at a time" in starplumb("project", campaign, table).err

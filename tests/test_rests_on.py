@@ -114,3 +114,18 @@ def test_what_is_estimated_or_considered_is_not_rested_on():
     campaign = replace(truth(FRAME, 6, 8, tilt_deg=20.0, yaw_deg=40.0), considered=(("time_offset", 1e-3),))
     done = calibrated(campaign, Gls(parameters(["focal_length"], campaign)))
     assert {one.of.key for one in done.rests_on} == {"principal_point", None}
+
+
+def test_a_growth_that_is_lost_in_rounding_is_hopeless(monkeypatch):
+    """Of normal equations singular to the last digit the inverse may have a variance below 0."""
+    exact, seen = np.linalg.inv, []
+
+    def rounded(N):
+        seen.append(len(N)) if N.ndim == 2 else None
+        return -exact(N) if N.ndim == 2 and len(N) > min(seen) else exact(N)
+
+    monkeypatch.setattr("starplumb.judge.conventions.rests_on.np.linalg.inv", rounded)
+    found = calibrated(truth(FRAME, 4, 8)).rests_on
+    assert found
+    assert all(np.isinf(one.grown).all() for one in found)
+    assert "these views cannot tell it" in next(one for one in found if one.of.key).sentence

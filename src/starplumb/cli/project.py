@@ -19,6 +19,8 @@ from .options.places import require_place
 from .output import Json, Output, Quiet, Verbose
 
 STANDARD_INPUT = "-"
+PIECE = 1 << 16
+"""Bytes read at a time: between two pieces a signal that asks to stop is heard."""
 
 
 def project(
@@ -139,11 +141,24 @@ def _places(where: list[str], itrf: bool) -> Iterator[dict[str, Any]]:
         return
     with TemporaryDirectory(prefix="starplumb-") as folder:
         path = Path(folder, "input.csv")
-        path.write_bytes(sys.stdin.buffer.read())
         try:
+            _keep_input(path)
             yield {"points": path}
         except InputError as error:
             raise InputError(str(error).replace(str(path), "standard input")) from None
+
+
+def _keep_input(path: Path) -> None:
+    """Standard input in a file.  Raises InputError where it has no end, or is longer than any other text may be."""
+    from ..io.text.files import MOST_TEXT
+    from ..physics.errors import InputError
+
+    size = 0
+    with path.open("wb") as file:
+        while piece := sys.stdin.buffer.read(PIECE):
+            size += file.write(piece)
+            if size > MOST_TEXT:
+                raise InputError(f"{path}: found more than {MOST_TEXT:,} bytes, wanted at most that many")
 
 
 def _numbers(where: list[str], itrf: bool) -> dict[str, Any]:

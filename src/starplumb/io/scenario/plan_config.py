@@ -12,6 +12,9 @@ from ..text.sections import Section, wrong
 from ..text.values import Positive, Text, number, vector
 from .error_config import NotNegative
 
+MOST_DAYS = 3653.0
+"""Of a plan's span: ten years, of which nobody knows the orbit."""
+
 
 def _numbers(wanted: str) -> BeforeValidator:
     """One number or a list of them, as a tuple."""
@@ -32,7 +35,9 @@ class PlanConfig(Section):
     """[plan]: what ``starplumb plan`` may choose from; left out, as the defaults say."""
 
     start: Text | None = Field(default=None, description="when the plan begins (left out: scenario.epoch)")
-    days: Positive = Field(default=30.0, description="the span of the plan in days")
+    days: Annotated[
+        float, BeforeValidator(number(f"days above 0, at most {MOST_DAYS:g}", lambda x: 0.0 < x <= MOST_DAYS))
+    ] = Field(default=30.0, description="the span of the plan in days")
     sites: Text | None = Field(default=None, description="the name of a table of sites")
     max_look_deg: Annotated[
         float, BeforeValidator(number("degrees from 1 to 45", lambda x: 1.0 <= x <= 45.0))

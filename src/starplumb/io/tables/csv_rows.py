@@ -8,7 +8,7 @@ from __future__ import annotations
 import csv
 import gc
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from io import StringIO
 from itertools import chain, islice
@@ -18,18 +18,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...physics.errors import InputError
-from ..text.files import read_text
+from ..text.files import read_beginning, read_text
 from .cells import Array, Columns, none_kept, to_numbers, to_texts
 from .schema import Schema
 
 _BLOCK = 1 << 10
+_LONG = 1 << 16
+"""Bytes of a file from which its header is looked at first: as many as its beginning has."""
 MOST_TABLE = 1_000_000_000
 """Bytes of a table that is read as a whole; a larger one that holds nothing unusual PyArrow reads in pieces."""
 
 
-def read_rows(path: Path, schema: Schema) -> Columns:
+def require_header(path: Path, schema: Schema) -> None:
+    """Raise InputError for a long file whose header is none, before the rest is read."""
+    head = read_beginning(path)
+    whole = head[: head.rfind(b"\n") + 1]
+    if len(head) < _LONG or b'"' in whole or b"\0" in whole:
+        return
+    with suppress(UnicodeDecodeError):
+        CsvLines(path, StringIO(whole.decode("utf-8-sig"), newline=""), schema.separator).header(schema)
+
+
+def read_rows(path: Path, schema: Schema, most: int = MOST_TABLE) -> Columns:
     """The columns of a file. Raises InputError naming the file and, where there is one, the row and column."""
-    lines = CsvLines(path, StringIO(read_text(path, MOST_TABLE, None), newline=""), schema.separator)
+    lines = CsvLines(path, StringIO(read_text(path, most, None), newline=""), schema.separator)
     header = lines.header(schema)
     place = {name: i for i, name in enumerate(header)}
     numbers: dict[str, list[Array]] = {name: [] for name in schema.numbers_in(header)}

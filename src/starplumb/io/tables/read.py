@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from ...physics.errors import EpochError, InputError
 from .arrow import TextColumn, binary_format, columns_of_table, read_binary, read_large_csv, table_of
 from .cells import Array, Columns, as_found, found_error
-from .csv_rows import read_rows
+from .csv_rows import MOST_TABLE, read_rows, require_header
 from .declared import UNDECLARED, Declared, Times
 from .schema import Schema
 
@@ -165,11 +165,13 @@ def read_table(
     like: Sequence[str] = (),
     instead: Mapping[str, Sequence[str]] = MappingProxyType({}),
     unknown: Sequence[str] = (),
+    most: int = MOST_TABLE,
 ) -> Table:
     """The columns asked for, by the names that are ``declared``; others are passed over with a notice.
 
     Number columns ``like`` a pattern are taken where they are there, and so are those that stand ``instead`` of one;
-    in those that may be ``unknown`` an empty cell is NaN, and one may be ``inf``.
+    in those that may be ``unknown`` an empty cell is NaN, and one may be ``inf``.  A CSV file of more than ``most``
+    bytes is refused.
 
     A file may be CSV (UTF-8, commas, any line ends; blank lines and leading ``#`` lines are passed over), Parquet or
     Arrow, which its content tells. Raises InputError naming the table and, where there are such, row and column.
@@ -186,7 +188,7 @@ def read_table(
         unknown=unknown,
     )
     schema = declared.schema(asked, str(source))
-    found = _columns(source, schema)
+    found = _columns(source, schema, most)
     ignored = schema.ignored(found.header)
     s = "s" * (len(ignored) > 1)
     notices = [f"{source}: ignored the column{s} {', '.join(ignored)}"] if ignored else []
@@ -232,14 +234,15 @@ def epochs(table: Table, scale: str) -> Epochs:
         raise InputError(f"{table.where(error.row, 'time')}: {error}{hint}") from None
 
 
-def _columns(source: TableSource, schema: Schema) -> Columns:
+def _columns(source: TableSource, schema: Schema, most: int) -> Columns:
     if isinstance(source, Frame):
         return columns_of_table(str(source), source.table, schema)
     if (kind := binary_format(source)) is not None:
         return columns_of_table(str(source), read_binary(source, kind), schema)
+    require_header(source, schema)
     large = (
         source.is_file()
-        and source.stat().st_size >= LARGE
+        and LARGE <= source.stat().st_size <= most
         and not (schema.keep or schema.stamps or schema.separator != "," or schema.decimal != ".")
     )
-    return (read_large_csv(source, schema) if large else None) or read_rows(source, schema)
+    return (read_large_csv(source, schema) if large else None) or read_rows(source, schema, most)

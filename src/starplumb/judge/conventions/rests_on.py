@@ -111,7 +111,10 @@ def rests_on(campaign: Campaign, fit: Fit, sigma_E: Array) -> tuple[RestsOn, ...
         j = np.arange(at, at := at + count)
         turn = np.sqrt(np.sum((alone[:3] @ N[np.ix_(a, j)]) ** 2, axis=-1))
         both = np.concatenate([a, j])
-        grown = np.sqrt(np.diagonal(np.linalg.inv(N[np.ix_(both, both)]))[:3] / np.diagonal(alone)[:3])
+        ratio = np.diagonal(np.linalg.inv(N[np.ix_(both, both)]))[:3] / np.diagonal(alone)[:3]
+        grown = np.sqrt(
+            np.where(ratio > 0.0, ratio, np.inf)
+        )  # singular to the last digit: a sign of no meaning
         found.append(RestsOn(each, sigma_E / np.maximum(turn, 1e-300) / each.size, grown * sigma_E, grown))
     return tuple(sorted(found, key=lambda one: -one.urgency))
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ...io.scenario.candidates import Stage, agility, candidate_information, chosen_scenario, height_of
 from ...judge.motion.regressors import When
 from ...physics.errors import InputError
-from ...physics.units import DEG
+from ...physics.units import ARCSEC, DEG
 from ...plan.bound import bound_E
 from ...plan.choice.certificate import Certificate, Room, certificate
 from ...plan.choice.drift import detectable
@@ -162,6 +162,12 @@ def choose(stage: Stage, sites: Sites, asked: Asked) -> Choice:
     design = Design(whole.weighted(sites.clear[found.site]), P, W)
     clash = limits(found, able, stage.exposed_s)
     picks = picked(design, clash, asked.count, asked.sigma)
+    if not picks:
+        have = float(np.sqrt(np.max(np.diagonal(P)))) / ARCSEC
+        raise InputError(
+            f"found a target of {asked.sigma / ARCSEC:g} arcsec that is met before the first image ({have:.3g} arcsec "
+            "about the axis known worst), wanted a smaller one"
+        )
     room = Room(len(picks), slots(found, able, stage.exposed_s), found.pass_of, able.per_pass)
     start = np.zeros(found.n)
     start[picks] = 1.0

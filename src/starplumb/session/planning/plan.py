@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...io.scenario.candidates import Stage, home_site, stage
+from ...io.scenario.plan_config import MOST_DAYS
 from ...io.scenario.site_table import read_site_table
 from ...physics.errors import ArgumentError, EpochError, InputError
 from ...physics.timescales import format_iso, parse
@@ -28,6 +29,9 @@ from .document import SCHEMA, document
 
 Array = NDArray[np.float64]
 Images = Annotated[int, Wanted("a whole number from 1 to 1000", lambda value: 1 <= value <= 1000)]
+Days = Annotated[
+    float, Wanted(f"days above 0, at most {MOST_DAYS:g}", lambda value: 0.0 < value <= MOST_DAYS)
+]
 
 MARK = ("plan.json", SCHEMA)
 PLAN_FILES = (MARK[0], "plan.csv", "plan.html")
@@ -134,7 +138,7 @@ def plan_images(
     given: Result | str | Path | None = None,
     sites: str | Path | None = None,
     start: str | None = None,
-    days: Positive | None = None,
+    days: Days | None = None,
 ) -> Plan:
     """Say which images to take, in which order, and how well the mounting is known after each.
 

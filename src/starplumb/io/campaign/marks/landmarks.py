@@ -136,7 +136,7 @@ def surveyed(table: Table) -> tuple[Array, Array]:
 
     Raises InputError for a place that is not on the Earth's surface, and a sigma below 0 (0 claims an exact place).
     """
-    if _one_of(table, GEODETIC, CARTESIAN) == GEODETIC:
+    if one_of(table, GEODETIC, CARTESIAN) == GEODETIC:
         for name, (low, high) in LIMITS.items():
             x = table.numbers[name]
             table.require((x >= low) & (x <= high), name, f"{low:g} to {high:g}")
@@ -146,7 +146,7 @@ def surveyed(table: Table) -> tuple[Array, Array]:
         r_J = table.columns(*CARTESIAN)
         require_radius(table, r_J, RADIUS_M, "a place on the ground, from the Earth's centre")
         latitude, longitude, _ = itrf_to_geodetic(r_J)
-    columns = _one_of(table, ("sigma_m",), SIGMA_ENU)
+    columns = one_of(table, ("sigma_m",), SIGMA_ENU)
     for name in columns:
         table.require(
             is_sigma(table.numbers[name]),
@@ -179,7 +179,7 @@ def require_radius(table: Table, r: Array, limits: tuple[float, float], what: st
         raise InputError(f"{where}: found {radius[row]:.7g} m, wanted {wanted}{unit}")
 
 
-def _one_of(table: Table, a: tuple[str, ...], b: tuple[str, ...]) -> tuple[str, ...]:
+def one_of(table: Table, a: tuple[str, ...], b: tuple[str, ...]) -> tuple[str, ...]:
     """Which of two sets of columns the table has. Raises InputError unless it is exactly one."""
     there = [columns for columns in (a, b) if table.has(*columns)]
     if len(there) != 1:

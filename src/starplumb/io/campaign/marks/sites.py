@@ -12,7 +12,11 @@ from ...gis.heights import Ground
 from ...tables.cells import Array
 from ...tables.columns import CARTESIAN, GEODETIC, SIGMA_ENU
 from ...tables.read import Table, TableSource, other_format, read_table
-from .landmarks import raised, surveyed
+from ...text.files import MOST_TEXT
+from .landmarks import one_of, raised, surveyed
+
+MOST_SITES = 300_000
+"""Places of a table: each takes some kilobytes in every image that sees it."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +57,14 @@ def read_sites(
             source,
             optional_texts=("landmark_id", "image_id"),
             optional_numbers=(*GEODETIC, *CARTESIAN, "sigma_m", *SIGMA_ENU),
+            most=MOST_TEXT,
         )
+        if not {GEODETIC[0], CARTESIAN[0]} & set(table.numbers):
+            one_of(table, GEODETIC, CARTESIAN)
+        if len(table) > MOST_SITES:
+            raise InputError(
+                f"{source}: found {len(table):,} places, wanted at most {MOST_SITES:,} at a time"
+            )
     names = table.texts.get("landmark_id") or [f"row {table.row_number(i)}" for i in range(len(table))]
     table = replace(table, texts=table.texts | {"landmark_id": names})
     table = _with_heights(table, ground, height_m)
