@@ -162,6 +162,10 @@ def test_types_that_are_names_or_times(values: pa.Array, texts: list[str]) -> No
             {"id": ["a", " "], "x": [1, 2]},
             "t, row 1, column id: found an empty cell, wanted text in every row",
         ),
+        (
+            {"id": ["a", "\x1b[31mb"], "x": [1, 2]},
+            't, row 1, column id: found "\\x1b[31mb", wanted text without control characters',
+        ),
         ({"id": [[1], [2]], "x": [1, 2]}, "t, column id: found values of the type list"),
         ({"id": [], "x": []}, "t: found no rows, wanted at least one"),
         ({"id": ["a"], "X": [1]}, 't: found the header "id, X", wanted the column x too (did you mean "X"?)'),

@@ -282,3 +282,13 @@ def test_a_matrix_stands_on_a_line_of_a_json_text_and_objects_an_entry_a_line() 
     assert json.loads(json_text(document)) == document
     with pytest.raises(ValueError, match="JSON"):
         json_text({"rows": [{"a": [float("inf")]}]})
+
+
+@pytest.mark.parametrize("rows", [2, 40_000])
+@pytest.mark.parametrize("letter", ["\x1b", "\x85", "\u202e"])
+def test_a_name_that_a_terminal_would_obey_is_refused(tmp_path, letter, rows):
+    path = table(tmp_path, "id,x,y\n" + "a,1,2\n" * rows + f"b{letter}c,1,2\n")
+    with pytest.raises(
+        InputError, match=rf"t.csv, row {rows + 2}, column id: found .*, wanted text without control"
+    ):
+        read_table(path, texts=["id"], numbers=["x", "y"])

@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from ...physics.errors import InputError
 from ..text.files import composed, show, trouble
 from ..text.numbers import MOST_FINITE
-from .cells import NUMBER, Array, Columns, cell_error, none_kept, to_numbers
+from ..text.visible import IN_NAME
+from .cells import NUMBER, PRINTABLE, Array, Columns, cell_error, none_kept, to_numbers
 from .csv_rows import CsvLines
 from .schema import Schema
 
@@ -108,7 +109,9 @@ def _csv_columns(path: Path, schema: Schema) -> Columns | None:
     columns = {name: _trimmed(table[place]) for name, place in texts.items()}
     if not all((np.abs(values) < MOST_FINITE).all() for values in found.values()):
         return None
-    if table.num_rows == 0 or any(_first_empty(column) is not None for column in columns.values()):
+    if table.num_rows == 0 or any(
+        _first_empty(column) is not None or _first_obeyed(column) is not None for column in columns.values()
+    ):
         return None
     held = {name: TextColumn(column) for name, column in columns.items()}
     return Columns(header, found, dict(held), table.num_rows, _line_of_row(path, line))
@@ -323,7 +326,17 @@ def _texts(at: At, column: str, values: Any, floats: bool = False) -> TextColumn
     values = _trimmed(values.cast("string"))
     if (row := _first_empty(values)) is not None:
         raise cell_error(name, row_number(row), column, None, "text in every row")
+    if (row := _first_obeyed(values)) is not None:
+        raise cell_error(name, row_number(row), column, values[row].as_py(), PRINTABLE)
     return TextColumn(values)
+
+
+def _first_obeyed(values: Any) -> int | None:
+    """The first row of texts that hold what a terminal obeys."""
+    from pyarrow import compute
+
+    row = compute.index(compute.match_substring_regex(values, IN_NAME), True).as_py()
+    return None if row < 0 else int(row)
 
 
 def _is_text(kind: Any) -> bool:

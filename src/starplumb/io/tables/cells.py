@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -11,11 +12,13 @@ from numpy.typing import NDArray
 from ...physics.errors import InputError
 from ..text.files import composed, show
 from ..text.numbers import numbers
+from ..text.visible import IN_NAME
 from .schema import Schema
 
 Array = NDArray[np.float64]
 
 NUMBER = "a finite number with a decimal point"
+PRINTABLE = "text without control characters"
 
 
 @dataclass(frozen=True)
@@ -92,4 +95,7 @@ def to_texts(name: str, column: str, cells: Sequence[str], row_number: Callable[
         texts = list(map(composed, texts))
     if not all(texts):
         raise cell_error(name, row_number(texts.index("")), column, None, "text in every row")
+    if re.search(IN_NAME, "".join(texts)):
+        row = next(row for row, text in enumerate(texts) if re.search(IN_NAME, text))
+        raise cell_error(name, row_number(row), column, texts[row], PRINTABLE)
     return texts

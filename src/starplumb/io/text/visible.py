@@ -13,6 +13,8 @@ OBEYED = frozenset(
 )
 """Commands of a terminal, and characters that turn the direction of writing."""
 _SHOWN = {code: f"\\x{code:02x}" if code < 0x100 else f"\\u{code:04x}" for code in OBEYED}
+IN_NAME = f"[{''.join(map(chr, sorted(OBEYED)))}]"
+"""A regular expression for what no name in a table may hold: it would be obeyed wherever that name is written."""
 
 
 def visible(text: str) -> str:
