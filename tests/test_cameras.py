@@ -24,7 +24,7 @@ from starplumb.estimators.protocol import Status
 from starplumb.io.campaign.read import load_campaign
 from starplumb.io.campaign.write import write_campaign
 from starplumb.judge.calibrate import calibrate
-from starplumb.judge.mountings import mountings
+from starplumb.judge.mountings import _estimated, mountings
 from starplumb.physics import so3
 from starplumb.physics.earth import itrf_to_geodetic
 from starplumb.physics.errors import InputError
@@ -81,7 +81,10 @@ def test_the_derivative_by_a_mounting_is_that_of_the_residual(value):
     """By differences, at a mounting 30 deg off its model too, of a camera that looks elsewhere."""
     o = observe(rig_truth((AFT,), images=2))
     second = CameraMounting(1, "B", reach=10.0)
-    fit = lambda x: Gls((second,)).unknowns.problem(o, state_at(x), C_EK_TRUE)  # noqa: E731
+
+    def fit(x):
+        return Gls((second,)).unknowns.problem(o, state_at(x), C_EK_TRUE)
+
     A, step = fit(value).A, 1e-6
     for j in range(3):
         ahead, behind = (fit(value + s * step * np.eye(3)[j]).model.z_px for s in (1.0, -1.0))
@@ -221,6 +224,17 @@ def test_errors_over_sigmas_and_the_gain(rng):
     np.testing.assert_allclose(np.mean(score, axis=0), 0.0, atol=0.25)
     apart = np.hypot(*(Gls()(alone(table.run((0,)), k), C_EK_TRUE @ o.C_KC[k]).sigma_E for k in (0, 1)))
     assert np.all(apart[:2] / sigma.mean(axis=0)[:2] > 10.0)
+
+
+def test_errors_of_the_unknowns_turn_a_mounting_as_differences_say(rng):
+    """At a mounting of a second camera that is 28 deg off its model."""
+    c = calibrate(delivered(rig_truth((AFT,)), rng), jointly("AB"))
+    p, value = c.estimate.parameters, np.array([0.02, -0.3, 0.4])
+    C_EC, T, _ = _estimated(c, replace(p, values=value))
+    step = 1e-6
+    for j in range(3):
+        moved, *_ = _estimated(c, replace(p, values=value + step * np.eye(3)[j]))
+        np.testing.assert_allclose(T[3:, 3 + j], so3.log(moved[1] @ C_EC[1].T) / step, atol=1e-5)
 
 
 @pytest.mark.parametrize("method", [lambda gls: gls, Default])

@@ -153,6 +153,18 @@ def test_landmarks_of_both_campaigns_are_said_to_count_twice(tmp_path):
         assert found.status == "ok"
         assert f"1 landmark of {name} occurs here too (gcp005)" in found.message
     assert "30 landmarks of the prior" in sp.calibrate(second, prior=tmp_path / "result.json").message
-    for file in ("residuals.csv", "normals.json"):
-        (tmp_path / file).unlink()
+    (tmp_path / "residuals.csv").unlink()  # normals.json names them too
+    assert "30 landmarks of the prior" in sp.calibrate(second, prior=tmp_path / "result.json").message
+    (tmp_path / "normals.json").unlink()
     assert "occur here" not in sp.calibrate(second, prior=tmp_path / "result.json").message
+
+
+def test_few_images_that_show_no_motion_are_a_prior_and_a_prediction():
+    """Two images: no test of motion is made of them, so nothing bounds what is possible a day later."""
+    first = sp.calibrate(sp.demo(images=2, seed=4), method="gls")
+    assert first.document["motion"] is None
+    later = sp.predict(first, "2025-06-22T10:30:00").covariance_arcsec2
+    assert np.all(np.diagonal(later) > np.diagonal(first.covariance_arcsec2))
+    alone = sp.calibrate(sp.demo(images=8, seed=5), method="gls")
+    found = sp.calibrate(sp.demo(images=8, seed=5), method="gls", prior=first)
+    assert np.all(found.sigma_arcsec < 0.95 * alone.sigma_arcsec)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -115,10 +115,13 @@ def raws() -> Iterator[Target]:
     """All of them."""
     files = _files()
     image = next(name for name in files if name.startswith("raw_"))
-    text: Callable[..., Target] = lambda name, file, same: Target(name, files, (file,), _read, same=same)  # noqa: E731
-    yield text("measure, campaign.toml", "campaign.toml", (*PLAIN, hashed))
-    yield text("measure, world file", "ortho_0.pgw", PLAIN[:1])
-    yield text("measure, ASCII grid", "dem.asc", PLAIN[:1])
+    texts = (
+        ("measure, campaign.toml", "campaign.toml", (*PLAIN, hashed)),
+        ("measure, world file", "ortho_0.pgw", PLAIN[:1]),
+        ("measure, ASCII grid", "dem.asc", PLAIN[:1]),
+    )
+    for name, file, same in texts:
+        yield Target(name, files, (file,), _read, same=same)
     yield Target("measure, raw PNG", files, (image,), _read, PNG, ())
     yield Target("measure, ortho PNG", files, ("ortho_0.png",), _read, PNG, ())
     yield from _georeferenced(files)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated
 
@@ -140,7 +141,7 @@ def calibrate(
 
       starplumb calibrate */campaign.toml --jobs 4 --archive mission.db
     """
-    from ..physics.errors import AlignmentFailed, InputError
+    from ..physics.errors import AlignmentFailed
     from ..session.calibration import NotIdentified
     from ..session.calibration import calibrate as run
     from ..session.campaign import read_campaign
@@ -152,11 +153,7 @@ def calibrate(
         from ..session.mission.fleet import Asked
         from .archive.fleet import fleet
 
-        for option, given in (("--gpkg", gpkg), ("--pdf", pdf), ("--requirement", requirement)):
-            if given:
-                raise InputError(
-                    f"{option}: found with several campaigns or --archive, wanted one campaign without"
-                )
+        _require_none({"--gpkg": gpkg, "--pdf": pdf, "--requirement": requirement})
         asked = Asked(
             *(chosen, tuple(estimate or ()), start, reach_deg, prior, drift),
             outside=outside.value,
@@ -194,3 +191,14 @@ def calibrate(
     speak.detail(*(f"{name}: {digest}" for name, digest in found.loaded.inputs.items()))
     if not result.usable:
         raise AlignmentFailed(f"{campaign}: {result.calibration.message}")
+
+
+def _require_none(options: Mapping[str, object]) -> None:
+    """Raise InputError for the first option given that only a single campaign takes."""
+    from ..physics.errors import InputError
+
+    for name, given in options.items():
+        if given:
+            raise InputError(
+                f"{name}: found with several campaigns or --archive, wanted one campaign without"
+            )

@@ -23,8 +23,6 @@ FEWEST_BEYOND = 3
 """Campaigns at least beyond the number of columns."""
 TOLD_APART = 0.1
 """Smallest singular value of a column apart from the others, per root of the number of campaigns."""
-SEASON_SPAN = 0.75
-"""Years that campaigns must span to tell a season."""
 
 
 @dataclass(frozen=True)
@@ -64,8 +62,7 @@ def _columns(found: Trend, temperatures_c: Mapping[str, Array], u: Array | None)
     columns = {f"jump:{k}": np.where(np.arange(t.size) >= k, 0.5, -0.5)[:, None] for k in found.jumps}
     if t[-1] > 0.0:
         columns["trend"] = (t / t[-1] - 0.5)[:, None]
-    if t[-1] > SEASON_SPAN:
-        columns["season"] = _circle(2.0 * np.pi * t)
+    columns["season"] = _circle(2.0 * np.pi * t)
     for name, values in temperatures_c.items():
         if np.all(np.isfinite(values)) and np.ptp(values) > 0.0:
             columns[f"temperature:{name}"] = ((values - np.mean(values)) / (np.ptp(values) / 2.0))[:, None]

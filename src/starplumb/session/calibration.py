@@ -152,16 +152,7 @@ def estimator_of(
             f"found with the method {method}, wanted {', '.join(WITH_PARAMETERS[:-1])} or {WITH_PARAMETERS[-1]}",
         )
     gls = Gls(parameters(wanted, campaign))
-    held = dict(campaign.considered)
-    both = [
-        name for name in gls.unknowns.names if name in held or ("trackers" in held and "tracker_" in name)
-    ]
-    if both:
-        raise ArgumentError(
-            "estimate",
-            f"found {both[0]!r}, which [consider] holds; wanted it there or here "
-            f"(with its sigma: {both[0]}=...), not both",
-        )
+    _require_not_held(gls.unknowns.names, campaign)
     make: dict[str, Callable[[Gls], Estimator]] = {
         "gls": lambda gls: gls,
         "default": Default,
@@ -170,6 +161,18 @@ def estimator_of(
     if campaign.rig is not None and campaign.several:
         return Jointly(campaign.rig.names, make[method], gls)
     return make[method](gls)
+
+
+def _require_not_held(names: Sequence[str], campaign: Physics) -> None:
+    """Raise ArgumentError for a parameter that is estimated and held by ``[consider]``."""
+    held = dict(campaign.considered)
+    both = [name for name in names if name in held or ("trackers" in held and "tracker_" in name)]
+    if both:
+        raise ArgumentError(
+            "estimate",
+            f"found {both[0]!r}, which [consider] holds; wanted it there or here "
+            f"(with its sigma: {both[0]}=...), not both",
+        )
 
 
 def name_of(method: str | Estimator) -> str:

@@ -58,37 +58,39 @@ class Fleet:
         path, place = self.campaigns[c], self.places[c]
         if (there := _there(path, place, self.asked)) is not None:
             return _outcome(path, place, there.status, there.message, resumed=True)
+        found, failed = _guarded(path, partial(self._calibrated, path), UNUSABLE)
+        if failed is not None:
+            return failed
+        save, status, message = found
+        _, failed = _guarded(path, partial(save, place), NOT_WRITTEN)
+        return _outcome(path, place, status, message) if failed is None else failed
+
+    def _calibrated(self, path: Path) -> tuple[Callable[[Path], Any], str, str]:
+        """How the answer of a campaign is saved, its status and its message."""
+        asked = self.asked
         try:
-            campaign = read_campaign(path, self.asked.outside)
             result = calibrate(
-                campaign,
-                self.asked.estimate,
-                self.asked.method,
-                self.asked.reach_deg,
-                self.asked.prior,
-                self.asked.start,
-                self.asked.drift,
+                read_campaign(path, asked.outside),
+                asked.estimate,
+                asked.method,
+                asked.reach_deg,
+                asked.prior,
+                asked.start,
+                asked.drift,
             )
         except NotIdentified as refused:
-            return _written(path, place, partial(refused.save, place), "not_converged", str(refused))
-        except StarplumbError as error:
-            return _outcome(path, None, UNUSABLE, str(error))
-        except Exception as error:  # a fault of ours in one campaign stops no other
-            return _outcome(path, None, UNUSABLE, f"{path}: {type(error).__name__}: {error}")
-        return _written(
-            path, place, partial(result.save, place, self.asked.report), result.status, result.message
-        )
+            return refused.save, "not_converged", str(refused)
+        return partial(result.save, report=asked.report), result.status, result.message
 
 
-def _written(path: Path, place: Path, save: Callable[[], Any], status: str, message: str) -> dict[str, Any]:
-    """What came of a campaign whose result is to be saved."""
+def _guarded(path: Path, work: Callable[[], Any], failure: str) -> tuple[Any, dict[str, Any] | None]:
+    """What some work gives, or what came of its campaign where it fails: no campaign stops another, whatever it is."""
     try:
-        save()
+        return work(), None
     except StarplumbError as error:
-        return _outcome(path, None, NOT_WRITTEN, str(error))
-    except Exception as error:  # as above
-        return _outcome(path, None, NOT_WRITTEN, f"{path}: {type(error).__name__}: {error}")
-    return _outcome(path, place, status, message)
+        return None, _outcome(path, None, failure, str(error))
+    except Exception as error:
+        return None, _outcome(path, None, failure, f"{path}: {type(error).__name__}: {error}")
 
 
 def _outcome(
