@@ -12,6 +12,7 @@ from http.server import BaseHTTPRequestHandler, HTTPServer
 import numpy as np
 import pytest
 
+import starplumb as sp
 from bad_cases import OEM
 from command import demo, starplumb
 from helpers import FILES, write_good_campaign
@@ -279,6 +280,15 @@ def test_a_result_of_numbers_that_no_quantity_has_is_not_believed(shared_cases, 
     good["mounting"]["matrix"][0][0] = 1e200
     with pytest.raises(InputError, match=r"matrix\.0\.0: found 1e\+200|a number that no quantity has"):
         ResultDocument.from_json(json.dumps(good), "result.json")
+
+
+def test_a_result_with_a_time_scale_that_is_none_is_refused_by_its_name():
+    text = json.loads(json.dumps(sp.calibrate(sp.demo(images=4)).document))
+    text["orbit"]["time_scale"] = ""
+    with pytest.raises(
+        InputError, match=r"result\.json: orbit: .*time scale '' is unknown, wanted one of UTC"
+    ):
+        ResultDocument.from_json(json.dumps(text), "result.json")
 
 
 @pytest.mark.parametrize(

@@ -344,3 +344,15 @@ def test_frames_of_trackers_and_look_angles(tmp_path: Path) -> None:
     detectors = {"column_px": [0, 6000, 11999], "tan_x": [-0.02, 0.0, 0.02], "tan_y": [0.0, 0.0]}
     with pytest.raises(InputError, match="look_angles data frame: found columns that Arrow cannot hold"):
         load_campaign(document, {"trackers.0": frames(tmp_path)["attitude"], "look_angles": detectors})
+
+
+def test_a_column_that_is_not_what_its_schema_says(tmp_path: Path) -> None:
+    """Arrow ends the program where such a column is asked for by itself."""
+    path = tmp_path / "t.parquet"
+    parquet.write_table(pa.table({"id": ["a"], "x": [1.5]}), path)
+    optional, required = (b"\x25" + kind + b"\x18\x01x" for kind in (b"\x02", b"\x00"))
+    data = path.read_bytes()
+    assert data.count(optional) == 1
+    path.write_bytes(data.replace(optional, required))
+    with pytest.raises(InputError, match=r"t\.parquet: found a damaged Parquet file .*wanted a whole one"):
+        read_table(path, texts=("id",), numbers=("x",))

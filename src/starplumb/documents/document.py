@@ -48,7 +48,7 @@ def require_times(times: Sequence[str], scale: str = "UTC") -> None:
     """ValueError about the first of some texts that is no time in a scale."""
     try:
         parse(times, scale)
-    except EpochError as error:
+    except (EpochError, InputError) as error:  # of a text, of the scale
         raise ValueError(str(error)) from None
 
 
@@ -132,5 +132,6 @@ def _problem(loc: tuple[int | str, ...], kind: str, message: str, given: object)
     if kind == "missing":
         return f"{key}: missing"
     if kind == "value_error":
-        return message.removeprefix("Value error, ")
+        said = message.removeprefix("Value error, ")
+        return f"{key}: {said}" if key else said
     return f"{key}: found {show(given)} ({message})"
