@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ...imagery.scene import Raw, Scene
 from ...physics.errors import InputError
 from ...table.campaign import Campaign
-from ..text.files import show
+from ..text.files import show, trouble
 from .config import IMAGE_ID, ImageryConfig, ReferenceConfig
 from .ortho import Ortho, Tile
 from .overlaps import require_agreement
@@ -40,7 +40,7 @@ def reference_paths(settings: str, folder: Path, reference: ReferenceConfig) -> 
 
 def _matching(settings: str, folder: Path, name: str) -> Iterator[Path]:
     if not set(name) & set("*?["):
-        yield folder / name
+        yield _named(settings, folder, "files", name)
         return
     beside = (".pgw", ".pngw", ".wld", ".tfw", ".xml", ".ovr", ".prj")
     try:
@@ -50,6 +50,13 @@ def _matching(settings: str, folder: Path, name: str) -> Iterator[Path]:
     if not found:
         raise InputError(f"{settings}: reference.files: found no file for {show(name)}, wanted at least one")
     yield from found
+
+
+def _named(settings: str, folder: Path, key: str, name: str) -> Path:
+    """The file that a key of [reference] names; raises InputError, which names the key, where none can be read."""
+    if (found := trouble(folder / name)) is not None:
+        raise InputError(f"{settings}: reference.{key}: {show(name)}: {found}")
+    return folder / name
 
 
 def open_scene(
@@ -64,10 +71,11 @@ def open_scene(
     paths = reference_paths(settings, folder, reference)
     tiles = [Tile.of(open_pixels(path, reference.band), reference.crs, reference.nodata) for path in paths]
     require_agreement(tiles)
-    geoid = None if reference.geoid is None else folder / reference.geoid
+    geoid = None if reference.geoid is None else _named(settings, folder, "geoid", reference.geoid)
     if reference.dem is None or reference.heights is None:
         raise ValueError("the rules want heights of an orthoimage")
-    relief = read_relief(folder / reference.dem, reference.crs, reference.heights, geoid)
+    dem = _named(settings, folder, "dem", reference.dem)
+    relief = read_relief(dem, reference.crs, reference.heights, geoid)
     return Scene(campaign, raws, Ortho(tiles), relief.at, relief.step_m, imagery.saturation_dn)
 
 
