@@ -114,13 +114,13 @@ def test_a_raw_image_that_cannot_be_used_is_kept_among_others_and_refused_alone(
         (lambda: (other.write_bytes(one.read_bytes()), _world(other)), "georeferenced"),
     ):
         spoil()
-        good, bad = _raws([one, other], campaign, config)
+        good, bad = _raws("c.toml", [one, other], campaign, config)
         assert good.size_px == (40, 30)
         assert isinstance(bad, Unread)
         assert said in bad.why
         assert str(other) in bad.why
-        with pytest.raises(InputError, match="b\\.png"):
-            _raws([other, other], campaign, config)
+        with pytest.raises(InputError, match=r"^c\.toml: imagery\.files: .*b\.png"):
+            _raws("c.toml", [other, other], campaign, config)
 
 
 def _world(path, west=12.0):

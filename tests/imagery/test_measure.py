@@ -128,13 +128,21 @@ def test_a_campaign_without_marks_is_read_up_to_them(folder):
     ("old", "new", "said"),
     [
         ("sigma_arcsec = [16", "# sigma_arcsec = [16", "mounting.sigma_arcsec: missing"),
-        ("raw/{image_id}.png", "raw/{image_id}.tif", r"image01\.tif"),
+        (
+            "raw/{image_id}.png",
+            "raw/{image_id}.tif",
+            r"campaign\.toml: imagery\.files: .*image01\.tif: found",
+        ),
         ("raw/{image_id}.png", "raw/image.png", "imagery.files"),
         ("saturation_dn = 4095", "band = 2", "found 1 band, wanted band 2"),
         ("ortho_*.png", "nothing_*.png", "reference.files: found no file"),
         ('crs = "EPSG:4326"\n', "", "reference.crs"),
         ("dem.asc", "dam.asc", r"campaign\.toml: reference\.dem: .dam\.asc.: found no such file"),
-        ('files = ["ortho_*', 'files = ["ortho.png", "ortho_*', r"campaign\.toml: reference\.files: .ortho\.png"),
+        (
+            'files = ["ortho_*',
+            'files = ["ortho.png", "ortho_*',
+            r"campaign\.toml: reference\.files: .ortho\.png",
+        ),
         (
             'heights = "ellipsoidal"',
             'heights = "geoid"\ngeoid = "egm.tif"',

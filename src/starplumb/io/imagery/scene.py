@@ -67,7 +67,7 @@ def open_scene(
     Raises InputError, one sentence, for the first file of the reference that cannot be used, or of the raw images where
     none can.
     """
-    raws = open_raws(campaign, folder, imagery)
+    raws = open_raws(settings, campaign, folder, imagery)
     paths = reference_paths(settings, folder, reference)
     tiles = [Tile.of(open_pixels(path, reference.band), reference.crs, reference.nodata) for path in paths]
     require_agreement(tiles)
@@ -90,15 +90,15 @@ class Unread:
         raise InputError(self.why)
 
 
-def open_raws(campaign: Campaign, folder: Path, imagery: ImageryConfig) -> list[Raw]:
+def open_raws(settings: str, campaign: Campaign, folder: Path, imagery: ImageryConfig) -> list[Raw]:
     """The raw image of each image; one that cannot be used says why when it is read.
 
-    Raises InputError for the first where none can.
+    Raises InputError, with the key, for the first where none can.
     """
-    return _raws(raw_paths(campaign, folder, imagery), campaign, imagery)
+    return _raws(settings, raw_paths(campaign, folder, imagery), campaign, imagery)
 
 
-def _raws(paths: list[Path], campaign: Campaign, imagery: ImageryConfig) -> list[Raw]:
+def _raws(settings: str, paths: list[Path], campaign: Campaign, imagery: ImageryConfig) -> list[Raw]:
     columns, rows = campaign.camera.size_px
     size = int(columns), int(rows) if np.isfinite(rows) else 1
     raws: list[Raw] = []
@@ -107,9 +107,9 @@ def _raws(paths: list[Path], campaign: Campaign, imagery: ImageryConfig) -> list
             raws.append(_raw(path, campaign, imagery))
         except InputError as error:
             raws.append(Unread(size, str(error)))
-    wrong = [raw for raw in raws if isinstance(raw, Unread)]
+    wrong = [raw.why for raw in raws if isinstance(raw, Unread)]
     if len(wrong) == len(raws):
-        raise InputError(wrong[0].why)
+        raise InputError(f"{settings}: imagery.files: {wrong[0]}")
     return raws
 
 

@@ -104,20 +104,22 @@ def measure_targets_of(
         inputs=loaded.inputs | {config.reference.files[0]: fingerprint(table)},
         sources=(*loaded.sources, table),
     )
-    scene = target_scene(loaded, config.imagery, config.reference)
+    scene = target_scene(str(path), loaded, config.imagery, config.reference)
     wanted = Wanted(check_share=config.measure.check_share)
     total = len(scene.raws)
     found = measure_targets(scene, prior_E, own_E, wanted, lambda done: tell(done, total))
     return TargetMeasurement(path, loaded, scene, found.images, targets=found)
 
 
-def target_scene(loaded: LoadedImages, imagery: ImageryConfig, reference: ReferenceConfig) -> TargetScene:
+def target_scene(
+    settings: str, loaded: LoadedImages, imagery: ImageryConfig, reference: ReferenceConfig
+) -> TargetScene:
     """Raw images, landmarks, what these look like and the camera's noise."""
     noise = None
     if imagery.read_noise_dn is not None and imagery.dn_per_electron is not None:
         # whole numbers add a twelfth
         noise = Noise(imagery.read_noise_dn**2 + 1.0 / 12.0, imagery.dn_per_electron)
-    raws = open_raws(loaded.campaign, loaded.folder, imagery)
+    raws = open_raws(settings, loaded.campaign, loaded.folder, imagery)
     return TargetScene(
         loaded.campaign, raws, _shape(reference), noise, not reference.dark, imagery.saturation_dn
     )
