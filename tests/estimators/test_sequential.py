@@ -141,14 +141,16 @@ def test_landmarks_seen_again_are_not_new_information(rng):
     assert np.all(rms["forgotten"] > 2.0)
 
 
-def test_an_image_costs_what_it_sees(rng, monkeypatch):
-    """Of twelve images none is adjusted with landmarks that it does not see."""
+def test_images_are_adjusted_together_and_a_landmark_costs_only_its_sightings(rng, monkeypatch):
+    """Twelve images linearised at one mounting are adjusted at once, and no landmark of their own is an unknown."""
     o = observe(truth(FRAME, images=12, markers=3))
     sizes = []
-    counted = sequential.solve
+    counted = sequential.squares_by_image
     monkeypatch.setattr(
-        sequential, "solve", lambda part, *rest: sizes.append(part.n_landmarks) or counted(part, *rest)
+        sequential,
+        "squares_by_image",
+        lambda part, model, A: sizes.append((part.n_images, A.shape)) or counted(part, model, A),
     )
     Sequential()(measure(o, C_EK_TRUE, Errors.draw(o, rng)), MODEL)
     assert o.n_landmarks == 36
-    assert set(sizes) == {3}
+    assert set(sizes) == {(12, (36, 2, 3))}

@@ -228,17 +228,23 @@ def cluster(z: Array, V: Array, U: Array) -> Mask:
 
 def _distance(a: tuple[Array, Array, Array], b: tuple[Array, Array, Array]) -> Array:
     """Square of the distance (a, b) of all pairs of two sets of residuals in units of what may lie between them."""
-    d = [a[0][:, None, i] - b[0][None, :, i] for i in range(2)]
+    dx, dy = (a[0][:, None, i] - b[0][None, :, i] for i in range(2))
+    xx, xy, yy = (_between(a, b, i, j) for i, j in ((0, 0), (0, 1), (1, 1)))
+    squares = yy * dx * dx
+    squares -= 2.0 * xy * dx * dy
+    squares += xx * dy * dy
+    squares /= xx * yy - xy * xy
+    return np.asarray(squares)
 
-    def between(i: int, j: int) -> Array:
-        own = a[1][:, None, i, j] + b[1][None, :, i, j]
-        squares = [np.sum(U[:, i] * U[:, j], axis=-1) for _, _, U in (a, b)]
-        cross = a[2][:, i] @ b[2][:, j].mT
-        mixed = cross + (cross if i == j else a[2][:, j] @ b[2][:, i].mT)
-        return np.asarray(own + squares[0][:, None] + squares[1][None, :] - mixed)
 
-    xx, xy, yy = between(0, 0), between(0, 1), between(1, 1)
-    return np.asarray((yy * d[0] ** 2 - 2.0 * xy * d[0] * d[1] + xx * d[1] ** 2) / (xx * yy - xy * xy))
+def _between(a: tuple[Array, Array, Array], b: tuple[Array, Array, Array], i: int, j: int) -> Array:
+    """Entry i, j of ``V_a + V_b + (U_a - U_b) (U_a - U_b)^T`` of all pairs, as one product of what belongs to each."""
+    (x, own_a), (y, own_b) = (
+        ((U[:, i], U[:, j]), V[:, i, j] + np.vecdot(U[:, i], U[:, j])) for _, V, U in (a, b)
+    )
+    left = np.concatenate([-x[0], -x[1], own_a[:, None], np.ones((len(own_a), 1))], axis=-1)
+    right = np.concatenate([y[1], y[0], np.ones((len(own_b), 1)), own_b[:, None]], axis=-1)
+    return np.asarray(left @ right.mT)
 
 
 def own_covariance(o: Observations, model: Linearised) -> Array:

@@ -3,8 +3,9 @@ images."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import reduce
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,9 +13,9 @@ from numpy.typing import NDArray
 from ..physics import so3
 from ..physics.covariance import square_root
 from ..physics.errors import InputError
-from ..solve.adjustment import Adjustment, solve
+from ..solve.adjustment import Adjustment, squares_by_image
 from ..solve.chunks import repeated_landmarks
-from ..table.equation import linearise
+from ..table.equation import Linearised, linearise
 from ..table.observations import Observations
 from .protocol import AlignmentEstimate
 from .start import Start, closed_form
@@ -29,6 +30,8 @@ ABSURD = 100.0
 """Chi-square per degree of freedom from which one pass, of which nothing tells whether it has settled, has not."""
 LOCAL_STEPS = 3
 """Linearisations of an image as it comes in: from 1 deg off the third is at rounding."""
+AT_ONCE = 40_000
+"""Sightings times unknowns whose normal equations are formed at once: their design fits the processor's cache."""
 
 
 @dataclass(frozen=True)
@@ -67,8 +70,8 @@ class Sequential:
     the cube of their number.
 
     ``passes``: the first runs as in flight, each image linearised, thrice, at what is known with it;
-    another runs again with all images linearised at the last answer.  Of several, the first begins to linearise at
-    the closed form, unless ``start`` is ``"model"``.  ``prior_sigma`` (rad about E) of the
+    another runs again with all images linearised at the last answer.  Of several, the first has them linearised at
+    what a run about the closed form says, unless ``start`` is ``"model"``.  ``prior_sigma`` (rad about E) of the
     model mounting, by default the table's ``prior_E``, or none.  Images come in the order of ``epoch_s``,
     which a drift needs, else of their index.
 
@@ -91,9 +94,9 @@ class Sequential:
         moved = np.zeros((*batch, 3))
         elsewhere = self.start == "closed-form" and self.passes > 1
         reference = np.broadcast_to(closed_form(o, C_EK), C_EK.shape) if elsewhere else None
-        for number in range(self.passes):
+        for _ in range(self.passes + elsewhere):
             state, chi2 = self._start(o, C_EK), np.zeros(batch)
-            for after, cost in self._images(o, state, reference, 1 if number else LOCAL_STEPS):
+            for after, cost in self._images(o, state, reference):
                 state, chi2 = after, chi2 + cost
             moved = np.zeros((*batch, 3)) if reference is None else so3.log(state.C_EK @ reference.mT)
             reference = state.C_EK
@@ -111,7 +114,7 @@ class Sequential:
         """The state after each image in time order, as in flight (one pass)."""
         batch = np.broadcast_shapes(observations.batch, C_EK.shape[:-2])
         start = self._start(observations, np.broadcast_to(C_EK, (*batch, 3, 3)))
-        return (state for state, _ in self._images(observations, start, None, LOCAL_STEPS))
+        return (state for state, _ in self._images(observations, start, None))
 
     def _prior(self, o: Observations) -> Array | None:
         return o.prior_E if self.prior_sigma is None else np.diag(np.square(self.prior_sigma))
@@ -128,29 +131,34 @@ class Sequential:
         )
 
     def _images(
-        self, o: Observations, state: State, reference: Array | None, steps: int
+        self, o: Observations, state: State, reference: Array | None
     ) -> Iterator[tuple[State, Array]]:
-        """States after each image and what the image adds to chi-square; linearised so many times, first at the
-        reference or the state."""
+        """States after each image and what the image adds to chi-square, linearised at the reference, or without one
+        where the mounting is by what is known so far; images that add up to one state come as one."""
         if any(self.drift) and o.epoch_s is None:
             raise InputError(
                 "sequential: found a drift but no epoch_s in the table, wanted the epochs of the images"
             )
         epoch_s = np.arange(o.n_images, dtype=np.float64) if o.epoch_s is None else o.epoch_s
-        shared, last_s = _Shared.of(o), None
-        ordered, counts = np.argsort(o.image, kind="stable"), np.bincount(o.image, minlength=o.n_images)
-        starts = np.cumsum(counts) - counts
-        for image in np.argsort(epoch_s, kind="stable"):
-            if counts[image] == 0:
-                continue
+        table, last_s = _Table.of(o), None
+        order = np.argsort(epoch_s, kind="stable")
+        order = order[[table.rows[image].size > 0 for image in order]]
+        ahead = None if reference is None else table.squares(order, reference)
+        if ahead is not None and reference is not None and order.size and not any(self.drift):
+            # nothing is forgotten between images: their information adds
+            yield _update(reduce(np.add, ahead), state, reference)
+            return
+        for image in order:
             if last_s is not None:
                 state = self._predict(state, epoch_s[image] - last_s)
             last_s = epoch_s[image]
-            one = shared.image(ordered[starts[image] : starts[image] + counts[image]], image)
-            before, C_lin = state, state.C_EK if reference is None else reference
-            for _ in range(steps):
-                state, cost = _update(one, before, C_lin)
-                C_lin = state.C_EK
+            if ahead is not None and reference is not None:
+                state, cost = _update(next(ahead), state, reference)
+            else:
+                before, C_lin = state, state.C_EK
+                for _ in range(LOCAL_STEPS):
+                    state, cost = _update(next(table.squares(image[None], C_lin)), before, C_lin)
+                    C_lin = state.C_EK
             yield state, cost
 
     def _predict(self, state: State, dt_s: float) -> State:
@@ -165,71 +173,87 @@ class Sequential:
 
 
 @dataclass(frozen=True)
-class _Image:
-    """What one image adds: its table ``part``, with the place errors of landmarks that no other image shares;
-    ``carried`` (r,) its sightings of the others, their ``place`` (r,) in the state and the root ``S`` (..., r, 3, 3) of
-    their covariance; and ``common_px`` (..., n, 2, p)."""
+class _Table:
+    """A table with what images share as unknowns: ``own``, in which each sighting has a landmark of its own, without
+    error where another sighting shares it; ``place`` (n,) of that in the state, -1 for none, and the root ``S``
+    (..., q, 3, 3) of its covariance; the errors ``common_px`` (..., n, 2, p); and the ``rows`` of each image."""
 
-    part: Observations
-    carried: Index
+    own: Observations
     place: Index
     S: Array
     common_px: Array | None
-
-
-@dataclass(frozen=True)
-class _Shared:
-    """A table with what images share: the landmarks ``repeated`` (q,) and the root ``S`` (..., q, 3, 3) of each."""
-
-    o: Observations
-    repeated: Index
-    S: Array
+    rows: Sequence[Index]
 
     @classmethod
-    def of(cls, o: Observations) -> _Shared:
+    def of(cls, o: Observations) -> _Table:
         repeated = repeated_landmarks(o)
-        return cls(o, repeated, square_root(o.cov_landmark_J[..., repeated, :, :]))
+        where = np.full(o.n_landmarks, -1)
+        where[repeated] = np.arange(repeated.size)
+        place = where[o.landmark]
+        alone = np.where((place < 0)[:, None, None], o.cov_landmark_J[..., o.landmark, :, :], 0.0)
+        own = replace(o, landmark=np.arange(o.n), cov_landmark_J=alone, epoch_s=None, common_px=None)
+        ends = np.cumsum(np.bincount(o.image, minlength=o.n_images))
+        rows = np.split(np.argsort(o.image, kind="stable"), ends[:-1])
+        return cls(own, place, square_root(o.cov_landmark_J[..., repeated, :, :]), o.common_px, rows)
 
-    def image(self, rows: Index, image: int) -> _Image:
-        """The sightings ``rows`` of one image, and none but its own landmarks."""
-        o, one = self.o, slice(image, image + 1)
-        landmarks, landmark = np.unique(o.landmark[rows], return_inverse=True)
-        shared = np.isin(landmarks, self.repeated)
+    @property
+    def unknowns(self) -> int:
+        """How many images share: the mounting, places of landmarks, errors in common."""
+        return (
+            3 + 3 * int(self.S.shape[-3]) + (0 if self.common_px is None else int(self.common_px.shape[-1]))
+        )
+
+    def squares(self, images: Index, C_lin: Array) -> Iterator[Array]:
+        """Normal equations (..., k + 1, k + 1) of the state and the residuals, image after image, all linearised at
+        C_lin; some thousand sightings at once."""
+        counts = np.array([self.rows[image].size for image in images])
+        most = max(1, AT_ONCE // (self.unknowns * max(1, int(np.max(counts)))))
+        for first in range(0, images.size, most):
+            some = images[first : first + most]
+            rows = np.concatenate([self.rows[image] for image in some])
+            image = np.repeat(np.arange(some.size), counts[first : first + most])
+            found = self._squares(some, rows, image, C_lin)
+            yield from np.moveaxis(found, -3, 0)
+
+    def _squares(self, images: Index, rows: Index, image: Index, C_lin: Array) -> Array:
+        """Of some images (g,), (..., g, k + 1, k + 1), whose sightings are ``rows`` (r,), each of ``image`` (r,)."""
+        o = self.own
         part = replace(
             o.select(rows),
-            image=np.zeros_like(rows),
-            landmark=landmark,
-            cov_attitude_E=o.cov_attitude_E[..., one, :, :],
-            cov_position_J=o.cov_position_J[..., one, :, :],
-            cov_landmark_J=np.where(shared[:, None, None], 0.0, o.cov_landmark_J[..., landmarks, :, :]),
-            epoch_s=None,
-            common_px=None,
+            image=image,
+            landmark=np.arange(rows.size),
+            cov_attitude_E=o.cov_attitude_E[..., images, :, :],
+            cov_position_J=o.cov_position_J[..., images, :, :],
+            cov_landmark_J=o.cov_landmark_J[..., rows, :, :],
         )
-        carried = np.flatnonzero(shared[landmark])
-        place = np.searchsorted(self.repeated, o.landmark[rows[carried]])
-        common = None if o.common_px is None else o.common_px[..., rows, :, :]
-        return _Image(part, carried, place, self.S[..., place, :, :], common)
+        model = linearise(part, C_lin)
+        return squares_by_image(part, model, self._design(rows, model))
+
+    def _design(self, rows: Index, model: Linearised) -> Array:
+        """Of the state, (..., r, 2, k)."""
+        carried = np.flatnonzero(self.place[rows] >= 0)
+        place = self.place[rows[carried]]
+        by_place = -model.R[..., carried, :, :] @ self.S[..., place, :, :]
+        common = np.zeros((rows.size, 2, 0)) if self.common_px is None else self.common_px[..., rows, :, :]
+        batch = np.broadcast_shapes(*(part.shape[:-3] for part in (model.H, by_place, common)))
+        A = np.zeros((*batch, rows.size, 2, self.unknowns))
+        A[..., :3] = model.H
+        for axis in range(3):
+            # an index on both sides of a slice brings its axis to the front
+            A[..., carried, :, 3 + 3 * place + axis] = np.moveaxis(by_place[..., axis], -2, 0)
+        A[..., self.unknowns - common.shape[-1] :] = common
+        return A
 
 
-def _update(one: _Image, state: State, C_lin: Array) -> tuple[State, Array]:
-    """One image, linearised at C_lin: state after it and its share of chi-square.
+def _update(squares: Array, state: State, C_lin: Array) -> tuple[State, Array]:
+    """One image by its normal equations at C_lin: state after it and its share of chi-square.
 
     The mounting is exp(x) C_lin; what was known says ``c + J^-1 x ~ N(0, .)`` with ``c = log(C_lin
     C_EK^T)``, J the left Jacobian of c.  The answer's information is turned to its own place by that of x.
     """
-    part = one.part
-    model = linearise(part, C_lin)
-    batch = np.broadcast_shapes(model.H.shape[:-3], model.R.shape[:-3], one.S.shape[:-3], state.u.shape[:-1])
-    A = np.zeros((*batch, part.n, 2, 3 + state.u.shape[-1]))
-    A[..., :3] = model.H
-    for k, place, S in zip(one.carried, one.place, np.moveaxis(one.S, -3, 0), strict=True):
-        first = 3 + 3 * place
-        A[..., k, :, first : first + 3] = -model.R[..., k, :, :] @ S
-    if one.common_px is not None:
-        A[..., A.shape[-1] - one.common_px.shape[-1] :] = one.common_px
     c = so3.log(C_lin @ state.C_EK.mT)
     known = _moved(state.information, so3.left_jacobian(c))
-    step = solve(part, model, A, known, np.concatenate([-c, state.u], axis=-1))
+    step = Adjustment.of(squares, (known, np.concatenate([-c, state.u], axis=-1)))
     return _after(step, C_lin), step.chi2
 
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from ..table.equation import Linearised
 from ..table.observations import Observations
 from .normal import Eliminated, Pairs, eliminate, normal_equations
-from .whitening import Roots
+from .whitening import Roots, groups
 
 Array = NDArray[np.float64]
 Prior = tuple[Array, Array]
@@ -110,6 +110,21 @@ def eliminated(o: Observations, roots: Roots, model: Linearised, A: Array) -> tu
     d, pairs = roots.design(o, model, A), Pairs.among(o, roots)
     found = eliminate(normal_equations(o, d, pairs), pairs)
     return found, found.squares_of(d, o.image)
+
+
+def squares_by_image(o: Observations, model: Linearised, A: Array) -> Array:
+    """The normal equations (..., m, k + 1, k + 1) of [A, z] image by image, less the errors of each; every landmark is
+    seen once."""
+    roots = Roots.of(o)
+    d = roots.design(o, model, A)
+    found = eliminate(normal_equations(o, d, Pairs.among(o, roots)), Pairs.among(o, roots))
+    left, C = found.left(d, o.image), found.C_image
+    squares = C.mT @ C
+    for group, sightings in groups(o.image, o.n_images):
+        rows = left[..., sightings, :, :]
+        rows = rows.reshape(*rows.shape[:-3], -1, rows.shape[-1])
+        squares[..., group, :, :] += rows.mT @ rows
+    return np.asarray(squares)
 
 
 def invert_information(information: Array) -> Array:

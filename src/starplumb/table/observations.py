@@ -84,7 +84,7 @@ class Observations:
         n = self.image.size
         if n and (self.image.max() >= self.n_images or self.landmark.max() >= self.n_landmarks):
             raise ValueError("an image or landmark index points past the covariances given for them")
-        for name, tail in _TAILS.items():
+        for name, tail in TAILS.items():
             shape = getattr(self, name).shape
             if shape[len(shape) - len(tail) - 1 :] != (n, *tail):
                 raise ValueError(f"{name} has shape {shape}, wanted (..., {', '.join(map(str, (n, *tail)))})")
@@ -139,7 +139,7 @@ class Observations:
     def select(self, keep: NDArray[np.bool_] | Index) -> Observations:
         """The sightings (n,) kept, with all images and landmarks as they were."""
         chosen: dict[str, Any] = {"image": self.image[keep], "landmark": self.landmark[keep]}
-        for name, tail in _TAILS.items():
+        for name, tail in TAILS.items():
             axis = -1 - len(tail)
             indices = np.flatnonzero(keep) if np.asarray(keep).dtype == bool else keep
             chosen[name] = np.take(getattr(self, name), indices, axis=axis)
@@ -155,7 +155,7 @@ class Observations:
         several runs (r,)."""
         chosen: dict[str, Any] = {}
         shared = dict.fromkeys(("cov_attitude_E", "cov_position_J", "cov_landmark_J", "C_KC", *MAY_LACK), 3)
-        for name, own_axes in ({name: 1 + len(tail) for name, tail in _TAILS.items()} | shared).items():
+        for name, own_axes in ({name: 1 + len(tail) for name, tail in TAILS.items()} | shared).items():
             values = getattr(self, name)
             if values is None:
                 continue
@@ -195,7 +195,7 @@ def first_of_image(o: Observations, values: Array) -> Array:
     return out
 
 
-_TAILS: dict[str, tuple[int, ...]] = {
+TAILS: dict[str, tuple[int, ...]] = {
     "xy_K": (2,),
     "slope_K": (2, 2),
     "line_period_s": (),
@@ -211,6 +211,6 @@ _TAILS: dict[str, tuple[int, ...]] = {
     "weight": (),
 }
 """Fields with one entry a sighting, and their axes behind it."""
-PER_SIGHTING = tuple(_TAILS)
+PER_SIGHTING = tuple(TAILS)
 MAY_LACK = ("common_px", "ellipse")
 """Fields (..., n, 2, w) that a table may be without."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from ...physics import so3
 from ...physics.earth import C_JT, itrf_to_geodetic
 from ...physics.errors import InputError
-from ...table.observations import Observations
+from ...solve.whitening import groups
+from ...table.observations import TAILS, Observations
 from ..protocol import AlignmentEstimate, Status, without_prior
 from ..usable import determined, status_of
 from .linear_steps import SOURCE_AXES, STEP_LIMIT, propagate
@@ -79,9 +80,9 @@ class Projective:
             raise InputError(f"iterations: found {self.iterations}, wanted 1 or more")
         for _ in range(self.iterations):
             fits = [
-                self._fit(o.select(rows), C, image, rows)
-                for image in range(o.n_images)
-                if (rows := np.flatnonzero(o.image == image)).size >= MIN_MARKERS
+                self._fit(_apart(o, rows), C[..., None, :, :], images, rows)
+                for images, rows in groups(o.image, o.n_images)
+                if rows.shape[-1] >= MIN_MARKERS
             ]
             d_E, gain, solved, apart = _combine(fits, o, batch)
             C_before, C = C, so3.exp(d_E) @ C
@@ -91,13 +92,13 @@ class Projective:
         status = status_of(o, C, determined=known, converged=converged, covariance_E=P)
         r_J = np.full((*batch, o.n_images, 3), np.nan)
         for fit in fits:
-            r_J[..., fit.image, :] = np.where(fit.solved[..., None], fit.r_J, np.nan)
+            r_J[..., fit.images, :] = np.where(fit.solved[..., None], fit.r_J, np.nan)
         P = np.where(known[..., None, None], P, np.inf)
         notes = without_prior(o, "uses no orbit: tilt trades against position", "each image by itself")
         return ProjectiveEstimate(C, P, status, np.full(batch, self.iterations), notes=notes, r_J=r_J)
 
-    def _fit(self, o: Observations, C_EK: Array, image: int, rows: Index) -> _Fit:
-        """One image: the projective map, its decomposition and the gain of its correction."""
+    def _fit(self, o: Observations, C_EK: Array, images: Index, rows: Index) -> _Fit:
+        """Of each image the projective map, its decomposition and the gain of its correction."""
         C_JT_, origin_J, foot, scale = self._plane(o)
         C_first = o.C_EJ[..., :1, :, :]
         xy_K, slope_K = _turned(o, C_EK, C_first)
@@ -117,7 +118,7 @@ class Projective:
         M = -np.sum(gain @ slope_K, axis=-3)
         repeat = np.linalg.inv(np.eye(3) - np.where(solved[..., None, None], M, 0.0))
         return _Fit(
-            image=image,
+            images=images,
             rows=rows,
             solved=solved,
             d_E=(repeat @ so3.log(C_found @ C_EK.mT)[..., None])[..., 0],
@@ -148,14 +149,23 @@ class Projective:
 
 @dataclass(frozen=True)
 class _Fit:
-    """One image: correction d_E (..., 3), its gain (..., n_i, 3, 2) upon the tangents' residual, position."""
+    """Images (g,) of M sightings each, ``rows`` (g, M): corrections d_E (..., g, 3), their gains (..., g, M, 3, 2) upon
+    the tangents' residual, positions (..., g, 3)."""
 
-    image: int
+    images: Index
     rows: Index
     solved: Bool
     d_E: Array
     gain: Array
     r_J: Array
+
+
+def _apart(o: Observations, rows: Index) -> Observations:
+    """The sightings ``rows`` (g, M) of g images, these as the last batch axis."""
+    none = np.zeros(rows.shape[-1], dtype=np.int64)
+    own = {name: getattr(o, name) for name in TAILS}
+    own = {name: np.take(own[name], rows, axis=own[name].ndim - 1 - len(TAILS[name])) for name in own}
+    return replace(o, image=none, landmark=none, common_px=None, ellipse=None, **own)
 
 
 def _turned(o: Observations, C_EK: Array, C_first: Array) -> tuple[Array, Array]:
@@ -232,13 +242,13 @@ def _combine(fits: list[_Fit], o: Observations, batch: tuple[int, ...]) -> tuple
     gain = np.zeros((*batch, o.n, 3, 2))
     for fit in fits:
         weight = np.where(fit.solved, 1.0 / np.sum(fit.gain**2, axis=(-3, -2, -1)), 0.0)
-        total = total + weight
-        d_E = d_E + weight[..., None] * fit.d_E
+        total = total + np.sum(weight, axis=-1)
+        d_E = d_E + np.sum(weight[..., None] * fit.d_E, axis=-2)
         gain[..., fit.rows, :, :] = weight[..., None, None, None] * fit.gain
     solved = total > 0.0
     total = np.where(solved, total, 1.0)
     mean_E, apart = d_E / total[..., None], np.zeros(batch)
     for fit in fits:
-        off = np.linalg.norm(fit.d_E - mean_E, axis=-1)
-        apart = np.maximum(apart, np.where(fit.solved, off, 0.0))
+        off = np.linalg.norm(fit.d_E - mean_E[..., None, :], axis=-1)
+        apart = np.maximum(apart, np.max(np.where(fit.solved, off, 0.0), axis=-1))
     return mean_E, gain / total[..., None, None, None], solved, apart
