@@ -13,13 +13,17 @@ from pydantic import Field, model_validator
 
 from ..estimators.fit import Fit
 from ..judge.calibrate import Calibration
+from ..judge.parameters.separability import of_camera
 from ..judge.snooping import fit_at
+from ..mission.cameras import about_camera
 from ..mission.joint import MOUNTING, Equations, Joint, Known, joint, summed
 from ..physics.errors import InputError
 from ..physics.timescales import format_iso
 from ..physics.units import ARCSEC
 from ..solve.normals import ImageNormals, image_normals
+from ..table.cameras.mounting import RANGE
 from ..table.parameter_names import UNITS, unit_of
+from .cameras.turned import Turned, turned_of
 from .document import Document, Finite, Matrix3, Part, require_shape, require_times
 from .numbers import numbers
 
@@ -39,8 +43,9 @@ SURVEY_AXES = ("east", "north", "up")
 
 class Unknown(Part):
     """A block of unknowns: its name and unit, the value about which the equations are, and what is ``expected`` of it
-    beforehand with which covariance (null: nothing is known).  The mounting turns by it, ``exp(x) matrix``; of a
-    landmark it is the surveyed place with its error."""
+    beforehand with which covariance (null: nothing is known).  The mounting turns by it, ``exp(x) matrix``, and that of
+    a further camera, ``mounting[NAME]``, by ``exp(x) exp(reference)``; of a landmark it is the surveyed place with its
+    error."""
 
     name: str
     unit: str
@@ -59,7 +64,8 @@ class Unknown(Part):
 
 class ImageEquations(Part):
     """Normal equations of one image over blocks by name: upper triangle of the information, row by row, and vector;
-    ``sightings`` is a digest of its marks."""
+    ``sightings`` is a digest of its marks.  Of several cameras those of a moment, with the digests of the images
+    ``also`` taken then: the errors that these share are eliminated."""
 
     image_id: str
     time: str
@@ -69,6 +75,7 @@ class ImageEquations(Part):
     constant: Finite
     count: Annotated[int, Ge(0)]
     sightings: str | None = None
+    also: dict[str, str] | None = None
 
     @model_validator(mode="after")
     def _of_one_size(self) -> Self:
@@ -83,6 +90,7 @@ class NormalsDocument(Document):
 
     schema_: Literal["starplumb-normals/1"] = Field(alias="schema")
     campaign: str
+    camera: str | None = None
     matrix: Matrix3
     unknowns: list[Unknown]
     images: list[ImageEquations]
@@ -107,27 +115,24 @@ def normals_document(calibration: Calibration) -> dict[str, Any] | None:
     """``normals.json`` of a usable answer as a dictionary; None where the method's equations are not known, or there
     are too many of them."""
     c, unknowns = calibration, calibration.estimate.unknowns
-    if (
-        not c.status.usable
-        or unknowns is None
-        or c.campaign.several
-        or len(c.campaign.images.ids) > MOST_IMAGES
-    ):
+    if not c.status.usable or unknowns is None or len(c.campaign.images.ids) > MOST_IMAGES:
         return None
     o, used = c.observations, c.residuals.used
     named = _named_landmarks(c, len(unknowns.names) + len(o.common_of or ()))
     if named is None:
         return None
     fit = fit_at(unknowns, o, c.campaign.C_EK, c.estimate, used)
-    common, scale = _common(fit, c.campaign.landmarks.sources or ("",))
+    turned = turned_of(c)
+    common, scale = _common(fit, c.campaign.landmarks.sources or ("",), turned)
     places = [_place(c, int(i)) for i in named]
     names = [unknown["name"] for unknown in common]
     return {
         "schema": NORMALS_SCHEMA,
         "campaign": c.campaign.name,
+        **({} if turned is None else {"camera": turned.names[0]}),
         "matrix": numbers(c.estimate.C_EK),
         "unknowns": [*common, *places],
-        "images": [_image(c, one, names, scale) for one in image_normals(fit.whole, named)],
+        "images": [_image(c, one, names, scale, turned) for one in image_normals(fit.whole, named)],
     }
 
 
@@ -144,7 +149,7 @@ def _named_landmarks(c: Calibration, others: int) -> Index | None:
     return None
 
 
-def _common(fit: Fit, surveys: Sequence[str]) -> tuple[list[dict[str, Any]], Array]:
+def _common(fit: Fit, surveys: Sequence[str], turned: Turned | None) -> tuple[list[dict[str, Any]], Array]:
     """The unknowns that all images may have, as the adjustment orders them, and what one of each is in SI."""
     names, shared = fit.unknowns.names, fit.table.common_of or ()
     units = [unit_of(name) for name in names]
@@ -155,13 +160,24 @@ def _common(fit: Fit, surveys: Sequence[str]) -> tuple[list[dict[str, Any]], Arr
     P = np.asarray(np.linalg.inv(information[:3, :3]) / ARCSEC**2) if known else None
     blocks = [_block(MOUNTING, "arcsec", np.zeros(3), step[:3] / ARCSEC, P)]
     labels = [*names, *_shared_labels(shared, surveys)]
+    cameras = {} if turned is None else dict(zip(turned.at[:, 0].tolist(), _cameras(turned), strict=True))
     for k, (label, unit) in enumerate(zip(labels, [*units, *[""] * len(shared)], strict=True), start=3):
+        if k in cameras:
+            blocks.append(cameras[k])
+        if of_camera(label):
+            continue
         variance = 1.0 / (information[k, k] * scale[k] ** 2)
         at = reference[k] / scale[k]
         blocks.append(
             _block(label, unit, np.array([at]), np.array([at + step[k] / scale[k]]), np.array([[variance]]))
         )
     return blocks, scale
+
+
+def _cameras(turned: Turned) -> Iterator[dict[str, Any]]:
+    """The blocks of further cameras' mountings: what is known beforehand is that the model is not far off."""
+    for name, v in zip(turned.blocks[1:], turned.references(), strict=True):
+        yield _block(name, "arcsec", v, v, (RANGE / ARCSEC) ** 2 * np.eye(3))
 
 
 def _shared_labels(shared: Sequence[str], surveys: Sequence[str]) -> Iterator[str]:
@@ -174,7 +190,7 @@ def _shared_labels(shared: Sequence[str], surveys: Sequence[str]) -> Iterator[st
 def _sightings(c: Calibration, image: int) -> str:
     """Digest of the marks of an image that are used: by which another campaign with the same ones is known."""
     s, ids = c.campaign.sightings, c.campaign.landmarks.ids
-    mine = np.flatnonzero(c.residuals.used & (c.observations.image == image))
+    mine = np.flatnonzero(c.residuals.used & (s.image == image))
     rows = sorted(
         f"{ids[i]} {x!r} {y!r}"
         for i, x, y in zip(
@@ -208,26 +224,39 @@ def _landmark(c: Calibration, landmark: int) -> str:
     return f"{kind}{c.campaign.landmarks.ids[landmark]}]"
 
 
-def _image(c: Calibration, one: ImageNormals, names: Sequence[str], scale: Array) -> dict[str, Any]:
-    turn = c.campaign.turn_E
+def _image(
+    c: Calibration, one: ImageNormals, names: Sequence[str], scale: Array, turned: Turned | None
+) -> dict[str, Any]:
+    turn, images = c.campaign.turn_E, c.campaign.images
     one = one if turn is None else one.moved(turn[one.image])  # the data know of no motion
     s = np.concatenate([scale, np.ones(3 * one.landmarks.size)])
+    taken, also = [one.image], {}
+    if turned is not None:
+        mine = c.residuals.used & (c.observations.image == one.image)
+        taken = np.unique(c.campaign.sightings.image[mine]).tolist()
+        there = np.isin(np.arange(len(turned.names)), np.asarray(c.observations.camera)[mine])
+        one, stays = turned.of_moment(one, there)
+        s, absent = s[stays], {name for name, seen in zip(turned.blocks, there, strict=True) if not seen}
+        names = [name for name in names if name not in absent]
+        also = {"also": {images.ids[i]: _sightings(c, i) for i in taken[1:]}}
     N = one.information * s[:, None] * s
     landmarks = [_landmark(c, int(i)) for i in one.landmarks]
     return {
-        "image_id": c.campaign.images.ids[one.image],
-        "time": format_iso(c.campaign.images.t_ns[one.image : one.image + 1], "UTC")[0],
+        "image_id": images.ids[taken[0]],
+        "time": format_iso(images.t_ns[one.image : one.image + 1], "UTC")[0],
         "unknowns": [*names, *landmarks],
         "information": numbers(N[np.triu_indices(s.size)]),
         "vector": numbers(one.vector * s),
         "constant": one.constant,
         "count": one.count,
-        "sightings": _sightings(c, one.image),
+        "sightings": _sightings(c, taken[0]),
+        **also,
     }
 
 
-def equations_of(document: NormalsDocument, number: int = 0) -> Equations:
-    """The equations of a campaign over unknowns by name; what its images share is its own, by its ``number``."""
+def equations_of(document: NormalsDocument, number: int = 0, camera: str | None = None) -> Equations:
+    """The equations of a campaign over unknowns by name, as its first camera or another one has them; what its images
+    share is its own, by its ``number``."""
     blocks = {
         _called(u.name, number): Known(
             np.array(u.reference),
@@ -246,7 +275,8 @@ def equations_of(document: NormalsDocument, number: int = 0) -> Equations:
         )
         for image in document.images
     )
-    return summed(np.array(document.matrix), blocks, images)
+    whole, first = summed(np.array(document.matrix), blocks, images), document.camera
+    return whole if first is None or camera is None else about_camera(whole, first, camera, RANGE)
 
 
 def symmetric(upper: Array, size: int) -> Array:
@@ -263,7 +293,8 @@ def joined(documents: Sequence[NormalsDocument]) -> Joint:
     of one name has another place or another survey.
     """
     _require_one_place(documents)
-    return joint([equations_of(document, k) for k, document in enumerate(documents)])
+    camera = documents[0].camera
+    return joint([equations_of(document, k, camera) for k, document in enumerate(documents)])
 
 
 def _called(name: str, k: int) -> str:

@@ -4,7 +4,7 @@ A campaign states ``z + A x`` about references of its own, as N, b and c over na
 parameters, errors in common).  Blocks that no other campaign has are eliminated with what is known of them beforehand,
 ``N_kk - N_kr N_rr^-1 N_rk``; what is left is moved to common references, ``b - N d``, and summed; what is known of a
 block that several have is added once.  The solution is ``x = -N^-1 b`` with the covariance ``N^-1`` and chi-square
-``c + b^T x``.  The mounting's unknowns are arc seconds, those of the other blocks in their own units.
+``c + b^T x``.  The mountings' unknowns are arc seconds, those of the other blocks in their own units.
 """
 
 from __future__ import annotations
@@ -25,6 +25,8 @@ Index = NDArray[np.int64]
 
 MOUNTING = "mounting"
 """The block of three that turns ``C_EK``; its reference is no turn."""
+CAMERA = f"{MOUNTING}["
+"""How the block of a further camera's mounting begins, ``mounting[NAME]``: it turns ``C_EC = exp(reference)``."""
 Image = tuple[Sequence[str], Array, Array, float, int]
 """Equations of an image: the names of its blocks, information, vector, constant and count."""
 
@@ -38,10 +40,12 @@ class Known:
     expected: Array
     covariance: Array | None
 
-    @property
-    def pull(self) -> Array:
-        """How far the reference is from what is expected."""
-        return self.reference - self.expected
+
+def apart(name: str, a: Array, b: Array) -> Array:
+    """How far a value (k,) of a block is from another: ``a - b``, of a camera's mountings the turn between them."""
+    if not name.startswith(CAMERA):
+        return a - b
+    return np.asarray(so3.log(so3.exp(ARCSEC * a) @ so3.exp(ARCSEC * b).T) / ARCSEC)
 
 
 @dataclass(frozen=True)
@@ -76,11 +80,11 @@ class Equations:
         for name in names:
             known, at = self.blocks[name], self.places[name]
             if known.covariance is not None:
-                W = np.linalg.inv(known.covariance)
+                W, pull = np.linalg.inv(known.covariance), apart(name, known.reference, known.expected)
                 N[np.ix_(at, at)] += W
-                b[at] += W @ known.pull
-                constant += float(known.pull @ W @ known.pull)
-                count += at.size
+                b[at] += W @ pull
+                constant += float(pull @ W @ pull)
+                count += 0 if name.startswith(CAMERA) else at.size  # within some degrees: as good as free
         return replace(self, information=N, vector=b, constant=constant, count=count)
 
     def only(self, names: Sequence[str]) -> Equations:
@@ -104,14 +108,16 @@ class Equations:
         turn = so3.log(self.C_EK @ C_EK.T) / ARCSEC
         d = np.concatenate(
             [
-                turn if name == MOUNTING else known.reference - references[name]
+                turn if name == MOUNTING else apart(name, known.reference, references[name])
                 for name, known in self.blocks.items()
             ]
         )
         Nd = self.information @ d
         constant = self.constant - 2.0 * float(self.vector @ d) + float(d @ Nd)
         blocks = {
-            name: known if name == MOUNTING else replace(known, reference=references[name])
+            name: replace(known, expected=known.expected + turn)
+            if name == MOUNTING
+            else replace(known, reference=references[name])
             for name, known in self.blocks.items()
         }
         return replace(self, C_EK=C_EK, blocks=blocks, vector=self.vector - Nd, constant=constant)
@@ -134,10 +140,14 @@ def summed(C_EK: Array, blocks: Mapping[str, Known], images: Iterable[Image]) ->
 class Joint:
     """The least-squares solution of several campaigns: the mounting with its covariance rad^2 about E, and chi-square
     of ``count`` numbers with ``degrees`` of freedom; ``values`` of the unknowns that several campaigns have, by name,
-    in their own units."""
+    in their own units.  Of further ``cameras`` ``C_EC`` (k, 3, 3), and ``covariance_all_E`` (3 + 3 k, 3 + 3 k) of all
+    mountings, the first camera's before theirs."""
 
     C_EK: Array
     covariance_E: Array
+    cameras: tuple[str, ...]
+    C_EC: Array
+    covariance_all_E: Array
     chi2: float
     count: int
     degrees: int
@@ -145,9 +155,16 @@ class Joint:
 
 
 def shared_names(parts: Sequence[Equations]) -> tuple[str, ...]:
-    """The mounting, and the blocks that two campaigns or more have, in the order in which they first occur."""
+    """The mounting, and the blocks that two campaigns or more have, in the order in which they first occur; without the
+    mountings of further cameras, which may move from one campaign to the next."""
     times = Counter(name for part in parts for name in part.blocks)
-    return (MOUNTING, *(name for name, n in times.items() if n > 1 and name != MOUNTING))
+    several = (name for name, n in times.items() if n > 1 and not name.startswith(MOUNTING))
+    return (MOUNTING, *several)
+
+
+def cameras_of(parts: Sequence[Equations]) -> tuple[str, ...]:
+    """The blocks of further cameras' mountings, in the order in which they first occur."""
+    return tuple(dict.fromkeys(name for part in parts for name in part.blocks if name.startswith(CAMERA)))
 
 
 def linked(parts: Sequence[Equations], names: Sequence[str] | None = None) -> list[Equations]:
@@ -157,14 +174,15 @@ def linked(parts: Sequence[Equations], names: Sequence[str] | None = None) -> li
     first: dict[str, Array] = {}
     for part in parts:
         first |= {name: known.reference for name, known in part.blocks.items() if name not in first}
-    C_0 = parts[0].C_EK
+    C_0 = next(part.C_EK for part in parts if MOUNTING in part.blocks)
     return [part.only([name for name in names if name in part.blocks]).about(C_0, first) for part in parts]
 
 
 def joint(parts: Sequence[Equations], *, mounting_known: bool = True) -> Joint:
     """The solution of campaigns whose blocks of one name are one unknown; what is known of such a block is taken from
     the first campaign that states it.  ``mounting_known`` False leaves out what is known of the mounting."""
-    few = linked(parts)
+    cameras = cameras_of(parts)
+    few = linked(parts, (*shared_names(parts), *cameras))
     blocks: dict[str, Known] = {}
     for part in few:
         for name, known in part.blocks.items():
@@ -176,11 +194,15 @@ def joint(parts: Sequence[Equations], *, mounting_known: bool = True) -> Joint:
     whole = whole.with_known([name for name in blocks if mounting_known or name != MOUNTING])
     P = np.linalg.inv(whole.information)
     x = -P @ whole.vector
-    turn = whole.places[MOUNTING]
-    values = {name: x[at] + blocks[name].reference for name, at in whole.places.items()}
+    turn, turns = whole.places[MOUNTING], whole.at((MOUNTING, *cameras))
+    C_EC = [so3.exp(ARCSEC * x[whole.places[n]]) @ so3.exp(ARCSEC * blocks[n].reference) for n in cameras]
+    values = {n: x[at] + blocks[n].reference for n, at in whole.places.items() if n not in cameras}
     return Joint(
         so3.exp(ARCSEC * x[turn]) @ whole.C_EK,
         np.asarray(ARCSEC**2 * P[np.ix_(turn, turn)]),
+        tuple(name[len(CAMERA) : -1] for name in cameras),
+        np.array(C_EC).reshape(-1, 3, 3),
+        np.asarray(ARCSEC**2 * P[np.ix_(turns, turns)]),
         whole.constant + float(whole.vector @ x),
         sum(part.count for part in parts),
         whole.count - x.size,

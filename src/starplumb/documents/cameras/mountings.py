@@ -7,9 +7,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...estimators.cameras.ties import POINTING
 from ...judge.calibrate import Calibration
 from ...judge.mountings import Mountings, mountings
 from ...judge.trust import NORMAL_95
+from ...mission.joint import Joint
 from ...physics import so3
 from ...physics.units import ARCSEC
 from ..numbers import numbers
@@ -35,6 +37,21 @@ def mountings_part(c: Calibration, tracker: str) -> dict[str, Any]:
         "mountings_covariance_arcsec2": None
         if P is None or not np.all(found.known)
         else numbers(P / ARCSEC**2),
+    }
+
+
+def joint_part(found: Joint, first: str, tracker: str, widened: float) -> dict[str, Any]:
+    """The mounting of every camera by several campaigns, and their joint covariance; nothing where there is but one."""
+    if not found.cameras:
+        return {}
+    C_EC = np.concatenate([found.C_EK[None], found.C_EC])
+    P = found.covariance_all_E
+    known = np.max(np.diagonal(P).reshape(-1, 3), axis=-1) < POINTING**2
+    rig = Mountings((first, *found.cameras), C_EC, C_EC, P, known, widened)
+    each = [_one(rig, k, tracker) for k in range(len(C_EC))]
+    return {
+        "mountings": [{key: part for key, part in one.items() if key != "correction_arcsec"} for one in each],
+        "mountings_covariance_arcsec2": numbers(P / ARCSEC**2) if np.all(known) else None,
     }
 
 

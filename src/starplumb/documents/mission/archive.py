@@ -6,7 +6,7 @@ from typing import Any, Literal
 
 from pydantic import Field
 
-from ..document import Document, Matrix3, Number, Numbers3, Part
+from ..document import Document, Finite, Matrix3, Number, Numbers3, Part
 
 
 class Withdrawal(Part):
@@ -87,10 +87,34 @@ class Fit(Part):
     chi2_p: Number
 
 
+class AgainstFirst(Part):
+    """A camera's mounting against the first camera's, ``to``, with the covariance of the difference about E's axes."""
+
+    to: str
+    matrix: Matrix3
+    sigma_arcsec: Numbers3 | None
+    covariance_arcsec2: Matrix3 | None
+
+
+class InRig(Part):
+    """The mounting of one of several cameras; null where nothing determines it."""
+
+    camera: str
+    from_: str = Field(alias="from")
+    to: str
+    matrix: Matrix3
+    quaternion_xyzw: list[float]
+    sigma_arcsec: Numbers3 | None
+    covariance_arcsec2: Matrix3 | None
+    interval_95_arcsec: Numbers3 | None
+    against_first: AgainstFirst | None
+
+
 class ArchiveShowDocument(Document):
     """The joint solution of the campaigns of one mounting: of all their sightings, each landmark and each survey being
     one unknown.  ``sigma_arcsec`` and ``covariance_arcsec2`` are from the stated errors, ``sigma_from_data_arcsec``
-    from the scatter of the campaigns."""
+    from the scatter of the campaigns.  Of several cameras the mounting is that of ``from``, and ``mountings`` has all,
+    each against the first too."""
 
     schema_: Literal["starplumb-archive-show/1"] = Field(alias="schema")
     archive: str
@@ -104,6 +128,8 @@ class ArchiveShowDocument(Document):
     sigma_arcsec: Numbers3
     covariance_arcsec2: Matrix3
     interval_95_arcsec: Numbers3
+    mountings: list[InRig] | None = None
+    mountings_covariance_arcsec2: list[list[Finite]] | None = None
     sigma_from_data_arcsec: Numbers3 | None
     degrees_of_freedom_from_data: int
     fit: Fit

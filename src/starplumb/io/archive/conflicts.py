@@ -6,11 +6,13 @@ import sqlite3
 
 import numpy as np
 
+from ...mission.joint import CAMERA
 from ...physics.errors import InputError
 from .rows import NewCampaign
 
 SAME_PLACE_M = 1e-3
 """Places of one landmark in two campaigns may differ by so much and still be the same."""
+_SEVERAL = "EXISTS(SELECT 1 FROM unknown u WHERE u.campaign = c.id AND u.name GLOB 'mounting[[]*')"
 _STANDS = "c.status IN ('ok', 'weak') AND NOT EXISTS(SELECT 1 FROM withdrawn w WHERE w.campaign = c.id)"
 
 
@@ -51,12 +53,14 @@ def _require_other_inputs(database: sqlite3.Connection, campaign: NewCampaign) -
 
 
 def _require_other_sightings(database: sqlite3.Connection, campaign: NewCampaign) -> None:
+    satellite, camera, tracker = campaign.instrument.key
+    several = any(name.startswith(CAMERA) for name, *_ in campaign.unknowns)
     for image in campaign.images:
         found = database.execute(
             "SELECT c.id, c.name FROM image i JOIN campaign c ON c.id = i.campaign "
-            "WHERE i.t_ns = ? AND i.sightings = ? AND c.satellite = ? AND c.frame_from = ? AND c.frame_to = ? "
-            f"AND {_STANDS}",
-            (image.t_ns, image.sightings, *campaign.instrument.key),
+            "WHERE i.t_ns = ? AND i.sightings = ? AND c.satellite = ? AND c.frame_to = ? "
+            f"AND (c.frame_from = ? OR {_SEVERAL} OR ?) AND {_STANDS}",
+            (image.t_ns, image.sightings, satellite, tracker, camera, several),
         ).fetchone()
         if found is not None:
             raise InputError(

@@ -13,7 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...mission.joint import Equations, Known, summed
+from ...mission.cameras import about_camera
+from ...mission.joint import CAMERA, Equations, Known, summed
+from ...table.cameras.mounting import RANGE
 from ..text.numbers import MOST_FINITE
 
 Array = NDArray[np.float64]
@@ -76,7 +78,7 @@ class NewCampaign:
 @dataclass(frozen=True, eq=False)
 class Entry:
     """A campaign of an archive; ``withdrawn`` is when and why, None for one that stands; ``summable`` whether it has
-    normal equations."""
+    normal equations.  ``cameras`` are all of several, the first one that of the instrument."""
 
     id: str
     inputs_id: str
@@ -95,6 +97,7 @@ class Entry:
     observations: int
     summable: bool
     withdrawn: tuple[str, str] | None
+    cameras: tuple[str, ...]
 
     @property
     def stands(self) -> bool:
@@ -105,7 +108,10 @@ class Entry:
 def insert(database: sqlite3.Connection, c: NewCampaign, now: str) -> None:
     """Add a campaign, within a transaction."""
     database.execute("INSERT OR IGNORE INTO satellite VALUES(?)", (c.instrument.satellite,))
-    database.execute("INSERT OR IGNORE INTO instrument VALUES(?, ?, ?)", c.instrument.key)
+    further = [name[len(CAMERA) : -1] for name, *_ in c.unknowns if name.startswith(CAMERA)]
+    for camera in (c.instrument.frame_from, *further):
+        key = (c.instrument.satellite, camera, c.instrument.frame_to)
+        database.execute("INSERT OR IGNORE INTO instrument VALUES(?, ?, ?)", key)
     row = (c.id, c.inputs_id, *c.instrument.key, c.name, c.first_ns, c.last_ns, now, c.software, c.method)
     options = json.dumps(c.options, sort_keys=True)
     database.execute(
@@ -166,30 +172,52 @@ def _numbers(data: bytes) -> Array:
 
 
 def instruments(database: sqlite3.Connection) -> list[Instrument]:
-    """Those that have campaigns, in the order of their names."""
+    """Those that have campaigns, of several cameras by the first, in the order of their names."""
     rows = database.execute("SELECT DISTINCT satellite, frame_from, frame_to FROM campaign ORDER BY 1, 2, 3")
     return [Instrument(*row) for row in rows]
 
 
+def all_instruments(database: sqlite3.Connection) -> list[Instrument]:
+    """Those of further cameras too, which are in the campaigns of others."""
+    rows = database.execute("SELECT satellite, frame_from, frame_to FROM instrument ORDER BY 1, 2, 3")
+    return [Instrument(*row) for row in rows]
+
+
+_FURTHER = "u.name > 'mounting[' AND u.name < 'mounting\\'"
+"""Unknowns u that are mountings of further cameras: their names begin so, and an index finds them."""
+
+
 def entries(database: sqlite3.Connection, instrument: Instrument | None = None) -> list[Entry]:
-    """All campaigns, or those of an instrument, in the order of time."""
-    where = "" if instrument is None else "WHERE satellite = ? AND frame_from = ? AND frame_to = ? "
+    """All campaigns, or those that say something of an instrument, in the order of time: those of its camera, and of
+    cameras that are with it in another campaign."""
+    where = "" if instrument is None else "WHERE satellite = ? AND frame_to = ? "
     rows = database.execute(
         "SELECT c.id, c.inputs, satellite, frame_from, frame_to, name, first_ns, last_ns, added_utc, software, method, "
         "options_json, status, matrix, covariance, (SELECT count(*) FROM image i WHERE i.campaign = c.id), "
         "(SELECT coalesce(sum(observations), 0) FROM image i WHERE i.campaign = c.id), "
-        "EXISTS(SELECT 1 FROM normal n WHERE n.campaign = c.id), w.at_utc, w.reason "
+        "EXISTS(SELECT 1 FROM normal n WHERE n.campaign = c.id), w.at_utc, w.reason, "
+        f"(SELECT group_concat(u.name, char(10)) FROM unknown u WHERE u.campaign = c.id AND {_FURTHER}) "
         f"FROM campaign c LEFT JOIN withdrawn w ON w.campaign = c.id {where}ORDER BY first_ns, c.id",
-        () if instrument is None else instrument.key,
+        () if instrument is None else (instrument.satellite, instrument.frame_to),
     )
-    return [_entry(row) for row in rows]
+    found = [_entry(row) for row in rows]
+    return found if instrument is None else _linked(found, instrument.frame_from)
+
+
+def _linked(found: list[Entry], camera: str) -> list[Entry]:
+    """Those of a camera, of cameras that share a campaign with it, and so on."""
+    cameras = {camera}
+    while more := {name for e in found if cameras & set(e.cameras) for name in e.cameras} - cameras:
+        cameras |= more
+    return [e for e in found if cameras & set(e.cameras)]
 
 
 def _entry(row: tuple[Any, ...]) -> Entry:
     (id_, inputs, satellite, frame_from, frame_to, name, first, last, added, software, method, options) = row[
         :12
     ]
-    status, matrix, covariance, images, observations, summable, at, reason = row[12:]
+    status, matrix, covariance, images, observations, summable, at, reason, further = row[12:]
+    names = [] if further is None else further.splitlines()
     return Entry(
         id_,
         inputs,
@@ -208,6 +236,7 @@ def _entry(row: tuple[Any, ...]) -> Entry:
         observations,
         bool(summable),
         None if at is None else (at, reason),
+        (frame_from, *(name[len(CAMERA) : -1] for name in names)),
     )
 
 
@@ -239,9 +268,9 @@ def images_of(database: sqlite3.Connection, campaign: str) -> list[ImageRow]:
     ]
 
 
-def equations_of(database: sqlite3.Connection, entry: Entry) -> Equations:
-    """The normal equations of a campaign about the mounting of its result, what its images share under names that are
-    its own."""
+def equations_of(database: sqlite3.Connection, entry: Entry, camera: str) -> Equations:
+    """The normal equations of a campaign about the mounting of a camera in its result, what its images share under
+    names that are its own."""
     campaign = entry.id
     rows = database.execute(
         "SELECT name, reference, expected, covariance FROM unknown WHERE campaign = ? ORDER BY rowid",
@@ -251,7 +280,8 @@ def equations_of(database: sqlite3.Connection, entry: Entry) -> Equations:
     blocks = dict(zip(names, _known([row[1:] for row in rows]), strict=True))
     if "mounting" not in blocks:
         raise ValueError("normal equations without the mounting")
-    return summed(entry.C_EK, blocks, _images(database, campaign))
+    whole = summed(entry.C_EK, blocks, _images(database, campaign))
+    return about_camera(whole, entry.instrument.frame_from, camera, RANGE)
 
 
 def _known(rows: Sequence[Sequence[Any]]) -> Iterator[Known]:

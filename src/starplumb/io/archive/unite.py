@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ...physics.errors import InputError
 from . import blobs
-from .rows import entries, inputs_of
+from .rows import Entry, entries, inputs_of
 from .schema import NAMES
 from .store import opened, transaction
 
@@ -54,7 +54,7 @@ def _require_consistent(database: sqlite3.Connection, source: Path, new: set[str
         "AND a.sightings = b.sightings AND a.campaign < b.campaign"
     )
     for a, b, image in twice:
-        if {a, b} & new and a in stands and b in stands and stands[a].instrument == stands[b].instrument:
+        if {a, b} & new and a in stands and b in stands and _one_mounting(stands[a], stands[b]):
             raise InputError(
                 f"{source}: found the sightings of image {image} in {a[:12]} and {b[:12]}; they would count twice, "
                 "wanted one of the two withdrawn first"
@@ -72,6 +72,14 @@ def _require_consistent(database: sqlite3.Connection, source: Path, new: set[str
                     f"{source}: found {name} at another place, or of another survey, in {a[:12]} than in {b[:12]}; "
                     "wanted one landmark under one id"
                 )
+
+
+def _one_mounting(a: Entry, b: Entry) -> bool:
+    """Whether two campaigns may have sightings of one camera: they are of one, or one of them has several."""
+    alike = (
+        a.instrument.satellite == b.instrument.satellite and a.instrument.frame_to == b.instrument.frame_to
+    )
+    return a.instrument == b.instrument or (alike and len(a.cameras) + len(b.cameras) > 2)
 
 
 def _one_place(database: sqlite3.Connection, name: str, a: str, b: str) -> bool:

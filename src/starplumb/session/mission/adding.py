@@ -96,7 +96,10 @@ def _row(text: str, normals: Mapping[str, Any] | None, of: tuple[str | None, str
     satellite = next(name for name in (of[0], result.satellite, of[1]) if name is not None)
     first, last = parse([result.span.first, result.span.last], "UTC").tolist()
     images = {i.image_id: i for i in result.images or ()}
-    of_image = {} if equations is None else {e.image_id: e.sightings for e in equations.images}
+    each = [] if equations is None else equations.images
+    of_image = {
+        name: digest for e in each for name, digest in [(e.image_id, e.sightings), *(e.also or {}).items()]
+    }
     return NewCampaign(
         digest(inputs, options),
         digest(inputs),

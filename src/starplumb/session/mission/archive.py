@@ -13,7 +13,7 @@ from typing import Annotated, Any, ClassVar
 from ...documents.prediction import Prediction
 from ...io.archive import blobs, records, store, unite
 from ...io.archive.conflicts import known
-from ...io.archive.rows import Entry, Instrument, entries, insert, instruments
+from ...io.archive.rows import Entry, Instrument, all_instruments, entries, insert, instruments
 from ...physics.errors import ArgumentError, EpochError
 from ...physics.timescales import format_iso, parse
 from ...report.page import Table
@@ -249,7 +249,8 @@ class Archive(Shown):
     ) -> Iterator[tuple[sqlite3.Connection, Instrument]]:
         """The database, and the one instrument that is meant."""
         with store.opened(self.path) as database:
-            yield database, instrument_of(str(self.path), instruments(database), satellite, camera)
+            known = instruments(database), all_instruments(database)
+            yield database, instrument_of(str(self.path), *known, satellite, camera)
 
     @staticmethod
     def _default(database: sqlite3.Connection) -> str:

@@ -61,14 +61,20 @@ def why_not(entry: Entry) -> str | None:
 
 
 def instrument_of(
-    name: str, all_: Sequence[Instrument], satellite: str | None, camera: str | None
+    name: str,
+    firsts: Sequence[Instrument],
+    all_: Sequence[Instrument],
+    satellite: str | None,
+    camera: str | None,
 ) -> Instrument:
-    """The one instrument that has campaigns and fits what is asked for.  Raises InputError where it is not one."""
-    if not all_:
+    """The one instrument that fits what is asked for: without a camera that of a campaign, of several cameras their
+    first.  Raises InputError where it is not one."""
+    if not firsts:
         raise InputError(
             f"{name}: found no campaign, wanted one or more; starplumb archive add {name} WHAT adds one"
         )
-    chosen = [one for one in all_ if satellite in (None, one.satellite) and camera in (None, one.frame_from)]
+    among = firsts if camera is None else all_
+    chosen = [one for one in among if satellite in (None, one.satellite) and camera in (None, one.frame_from)]
     listed = "; ".join(map(str, all_[:6])) + ("; ..." if len(all_) > 6 else "")
     if len(chosen) != 1:
         wrong = "camera" if satellite is None and camera is not None else "satellite"

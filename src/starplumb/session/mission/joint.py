@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ...documents.cameras.mountings import joint_part
 from ...documents.numbers import numbers
 from ...io.archive.rows import Entry, Instrument, entries, equations_of
 from ...judge.consistency import IMPLAUSIBLE_P
@@ -34,7 +35,8 @@ SAME = 1e-6
 
 @dataclass(frozen=True)
 class Standing:
-    """The campaigns of an instrument that count, with their equations."""
+    """The campaigns that count, with their equations: of an instrument's camera, and of others that are linked with it
+    by a campaign of both."""
 
     entries: tuple[Entry, ...]
     parts: tuple[Equations, ...]
@@ -42,18 +44,24 @@ class Standing:
     mounting_known: bool
     notices: tuple[str, ...]
 
+    @property
+    def own(self) -> tuple[list[Entry], list[Equations]]:
+        """Those of the camera itself."""
+        pairs = [pair for pair in zip(self.entries, self.parts, strict=True) if MOUNTING in pair[1].blocks]
+        return [entry for entry, _ in pairs], [part for _, part in pairs]
+
 
 def standing(name: str, database: sqlite3.Connection, instrument: Instrument) -> Standing:
     """Those of an instrument.  Raises InputError where none counts."""
     mine = entries(database, instrument)
     left = tuple((entry, reason) for entry in mine if (reason := why_not(entry)) is not None)
     used = tuple(entry for entry in mine if why_not(entry) is None)
-    if not used:
+    if not any(instrument.frame_from in entry.cameras for entry in used):
         reasons = "; ".join(f"{entry.name}: {reason}" for entry, reason in left[:3])
         raise InputError(
             f"{name}: found no campaign of {instrument} that counts ({reasons}), wanted one or more"
         )
-    parts = tuple(equations_of(database, entry) for entry in used)
+    parts = tuple(equations_of(database, entry, instrument.frame_from) for entry in used)
     agreed, notices = _known_before(parts, used)
     return Standing(used, parts, left, agreed, (*notices, *_near_ground(parts)))
 
@@ -75,7 +83,7 @@ def _known_before(parts: Sequence[Equations], found: Sequence[Entry]) -> tuple[b
     stated = [
         (P, so3.exp(ARCSEC * part.blocks[MOUNTING].expected) @ part.C_EK)
         for part in parts
-        if (P := part.blocks[MOUNTING].covariance) is not None
+        if MOUNTING in part.blocks and (P := part.blocks[MOUNTING].covariance) is not None
     ]
     if not stated:
         return True, ()
@@ -115,6 +123,12 @@ class JointSolution(Shown):
             (c["name"], c["first"][:19], *_fixed(c["correction_arcsec"]), *_fixed(c["sigma_arcsec"]))
             for c in d["campaigns"]
         ]
+        rig = [
+            (f"{m['camera']}{against}", *(("not known",) * 3 if sigma is None else _fixed(sigma)))
+            for m in d.get("mountings", ())
+            for against, sigma in _sigmas(m)
+        ]
+        cameras = [Table("Cameras, sigma", ("arcsec about", "x", "y", "z"), rig)] if rig else []
         head = (
             "campaign",
             "first image (UTC)",
@@ -123,6 +137,7 @@ class JointSolution(Shown):
         )
         return (
             Table(caption, ("arcsec about", "x", "y", "z"), rows),
+            *cameras,
             Table("Each by itself, arcsec from the joint mounting", head, each, text_columns=2),
         )
 
@@ -140,15 +155,23 @@ class JointSolution(Shown):
         return (*lines, *(f"left out: {one['name']}, {one['reason']}" for one in d["left_out"]))
 
 
-def _fixed(values: Sequence[float]) -> tuple[str, ...]:
-    return tuple(f"{value:.3f}" for value in values)
+def _sigmas(mounting: dict[str, Any]) -> Iterator[tuple[str, Any]]:
+    """Those of one of several cameras, and of it against the first."""
+    yield "", mounting["sigma_arcsec"]
+    against = mounting["against_first"]
+    if against is not None:
+        yield f" against {against['to']}", against["sigma_arcsec"]
+
+
+def _fixed(values: Sequence[float | None]) -> tuple[str, ...]:
+    return tuple("" if value is None else f"{value:.3f}" for value in values)
 
 
 def shown(name: str, database: sqlite3.Connection, instrument: Instrument) -> JointSolution:
     """The joint solution of an instrument."""
     found = standing(name, database, instrument)
     whole = joint(found.parts, mounting_known=found.mounting_known)
-    own = points(found.parts).about(whole.C_EK)
+    own = points(found.own[1]).about(whole.C_EK)
     data, degrees = scatter(own)
     return JointSolution(_document(name, instrument, found, whole, own, data, degrees))
 
@@ -170,8 +193,6 @@ def _document(
     if data is not None:
         half = np.maximum(half, stdtrit(degrees, 0.975) * data)
     weak = [*_weaknesses(own, p), *found.notices]
-    firsts = format_iso([e.first_ns for e in found.entries], "UTC")
-    lasts = format_iso([e.last_ns for e in found.entries], "UTC")
     return {
         "schema": "starplumb-archive-show/1",
         "archive": name,
@@ -185,25 +206,33 @@ def _document(
         "sigma_arcsec": numbers(sigma / ARCSEC),
         "covariance_arcsec2": numbers(whole.covariance_E / ARCSEC**2),
         "interval_95_arcsec": numbers(half / ARCSEC),
+        **joint_part(
+            whole, instrument.frame_from, instrument.frame_to, float(np.max(half / sigma)) / NORMAL_95
+        ),
         "sigma_from_data_arcsec": None if data is None else numbers(data / ARCSEC),
         "degrees_of_freedom_from_data": degrees,
         "fit": {"chi2": numbers(whole.chi2), "degrees_of_freedom": whole.degrees, "chi2_p": p},
         "landmarks_shared": sum(name.startswith("landmark[") for name in shared_names(found.parts)),
-        "campaigns": [
-            {
-                "id": entry.id,
-                "name": entry.name,
-                "first": first,
-                "last": last,
-                "correction_arcsec": numbers(value / ARCSEC),
-                "sigma_arcsec": numbers(spread / ARCSEC),
-            }
-            for entry, first, last, value, spread in zip(
-                found.entries, firsts, lasts, own.value_E, own.sigma_E, strict=True
-            )
-        ],
+        "campaigns": list(_each(found, own)),
         "left_out": [{"id": e.id, "name": e.name, "reason": reason} for e, reason in found.left_out],
     }
+
+
+def _each(found: Standing, own: Points) -> Iterator[dict[str, Any]]:
+    """Each campaign by itself; one of other cameras says nothing by itself, only with those that it is linked by."""
+    said = {e.id: (v, s) for e, v, s in zip(found.own[0], own.value_E, own.sigma_E, strict=True)}
+    nothing = np.full(3, np.nan), np.full(3, np.nan)
+    for entry in found.entries:
+        first, last = format_iso([entry.first_ns, entry.last_ns], "UTC")
+        value, spread = said.get(entry.id, nothing)
+        yield {
+            "id": entry.id,
+            "name": entry.name,
+            "first": first,
+            "last": last,
+            "correction_arcsec": numbers(value / ARCSEC),
+            "sigma_arcsec": numbers(spread / ARCSEC),
+        }
 
 
 def _weaknesses(own: Points, p: float | None) -> list[str]:

@@ -43,13 +43,13 @@ class Known:
 
 def known(name: str, database: sqlite3.Connection, instrument: Instrument) -> Known:
     """Of an instrument with a campaign or more that counts."""
-    found = standing(name, database, instrument)
-    images = [images_of(database, entry.id) for entry in found.entries]
+    known_of, parts = standing(name, database, instrument).own
+    images = [images_of(database, entry.id) for entry in known_of]
     t_ns = np.array([_middle(some) for some in images])
     order = np.argsort(t_ns, kind="stable")
-    entries, images = [found.entries[k] for k in order], [images[k] for k in order]
+    entries, images = [known_of[k] for k in order], [images[k] for k in order]
     happened = records.events(database, instrument.satellite)
-    own = points([found.parts[k] for k in order])
+    own = points([parts[k] for k in order])
     own = own.about(so3.exp(np.mean(own.value_E, axis=0)) @ own.C_EK)
     last = ResultDocument.from_json(result_text(database, entries[-1].id), entries[-1].name)
     return Known(
