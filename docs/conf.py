@@ -31,14 +31,21 @@ extensions = [
     "sphinx.ext.viewcode",
     "executed",
     "generated",
+    "signatures",
 ]
+if find_spec("sphinx_copybutton"):  # a convenience: without it the pages are the same but for their buttons
+    extensions.append("sphinx_copybutton")
+copybutton_prompt_text = r"\$ |> "
+copybutton_prompt_is_regexp = True
+copybutton_exclude = ".linenos, .gp"
 myst_enable_extensions = ["dollarmath", "amsmath", "colon_fence", "deflist", "fieldlist"]
 myst_heading_anchors = 3
 exclude_patterns = ["_build", "_ext", "generated/extra"]
 
 autodoc_member_order = "bysource"
-autodoc_typehints = "none"  # shapes, units and frames stand in the docstrings and say more
+python_maximum_signature_line_length = 80
 autodoc_default_options = {"members": True}
+autodoc_type_aliases = {name: name for name in ("Array", "ArrayLike", "Epochs", "Index", "Mask")}
 add_module_names = False
 
 html_theme = "pydata_sphinx_theme"

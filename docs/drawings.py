@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from starplumb.physics import so3
 from starplumb.physics.units import DEG
 
-mpl.rcParams.update({"svg.hashsalt": "starplumb", "font.size": 12, "savefig.facecolor": "white"})
+mpl.rcParams.update({"svg.hashsalt": "starplumb", "font.size": 12, "savefig.facecolor": "none"})
 
 RED, GREEN, BLUE, GREY = "#c0392b", "#1e8449", "#2456a6", "#777777"
 VIEW = so3.exp(np.array([-62.0, 0.0, 0.0]) * DEG) @ so3.exp(np.array([0.0, 0.0, 35.0]) * DEG)
@@ -44,7 +44,7 @@ def arrow(
     )
     if text:
         away = np.asarray(end) - np.asarray(start)
-        room = 0.14 if "$" in text else 0.14 + 0.03 * len(text)
+        room = 0.25 if "$" in text else 0.14 + 0.03 * len(text)
         at = np.asarray(end) + room * away / max(float(np.linalg.norm(away)), 1e-9)
         axis.text(*at, text, color=colour, ha="center", va="center")
 
@@ -70,7 +70,7 @@ def frames() -> Figure:
     axis.plot(radius * np.cos(angle), radius * np.sin(angle), color=GREY, lw=1.0)
     equator = radius * np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=-1)
     axis.plot(*on_paper(equator).T, color=GREY, lw=0.7, ls=":")
-    triad(axis, np.zeros(3), np.eye(3), GREY, ("$x_J$", "$y_J$", "$z_J$"), 1.5)
+    triad(axis, np.zeros(3), np.eye(3), GREY, ("$x_J$", "$y_J$", "$z_J$"), 1.2)
     axis.text(-4.5, -3.2, "J: Earth-fixed (ITRF)\nI: inertial (GCRF),\n   not turning", color=GREY, va="top")
 
     tilt = so3.exp(np.array([0.0, -98.0, 0.0]) * DEG) @ so3.exp(np.array([0.0, 0.0, 90.0]) * DEG)

@@ -102,6 +102,18 @@ def test_every_command_has_the_common_options_and_an_example(name: str) -> None:
     assert silent == []
 
 
+def test_signatures_are_shown_as_they_are_written(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("sphinx")
+    monkeypatch.syspath_prepend(ROOT / "docs" / "_ext")
+    from signatures import as_written  # type: ignore[import-not-found]
+
+    from starplumb.session.campaign import demo
+
+    shown = as_written(None, "function", "demo", demo, None, "()", "")
+    wanted = "(camera: Literal['frame', 'line-scan'] = 'frame', images: DemoImages = 8, seed: Seed = 1)"
+    assert shown == (wanted, "~starplumb.session.campaign.Campaign")
+
+
 def test_exit_statuses_are_documented() -> None:
     page = (ROOT / "docs" / "commands.md").read_text(encoding="utf-8")
     for status in (0, 2, 3, 130):

@@ -61,12 +61,33 @@ def write_gallery(examples: list[Path], folder: Path) -> None:
     for example in examples:
         write_example(example, folder)
     names = "\n".join(example.stem for example in examples)
+    thumbnails = "\n\n".join(thumbnail(example, folder) for example in examples)
     text = (
         "# Gallery\n\nEach page is a script of the folder `examples`, run when this documentation was built: "
         "`python examples/NAME.py` prints the same and leaves the figures in the folder it is run in.\n\n"
-        f"```{{toctree}}\n:maxdepth: 1\n\n{names}\n```\n"
+        f"{thumbnails}\n\n```{{toctree}}\n:hidden:\n\n{names}\n```\n"
     )
     (folder / "index.md").write_text(text, encoding="utf-8")
+
+
+def title_and_text(example: Path) -> tuple[str, str]:
+    """What the example's docstring says: its first sentence without the stop, and the rest."""
+    title, _, text = (ast.get_docstring(ast.parse(example.read_text(encoding="utf-8"))) or "").partition("\n")
+    return title.rstrip("."), text.strip()
+
+
+def figures_of(example: Path, folder: Path) -> list[str]:
+    """The figures that an example left in its folder, as seen from the gallery's pages."""
+    return [f"{example.stem}/{figure.name}" for figure in sorted((folder / example.stem).glob("*.svg"))]
+
+
+def thumbnail(example: Path, folder: Path) -> str:
+    """The first figure of an example, small, with its title below; both lead to its page."""
+    title, _ = title_and_text(example)
+    return (
+        f"```{{figure}} {figures_of(example, folder)[0]}\n:alt: {title}\n:target: {example.stem}.html\n"
+        f":figclass: thumbnail\n\n{{doc}}`{title} <{example.stem}>`\n```"
+    )
 
 
 def write_example(example: Path, folder: Path) -> None:
@@ -84,14 +105,11 @@ def write_example(example: Path, folder: Path) -> None:
     )
     if done.returncode:
         raise ExtensionError(f"{example} ended with {done.returncode}:\n{done.stderr}")
-    title, _, text = (ast.get_docstring(ast.parse(example.read_text(encoding="utf-8"))) or "").partition("\n")
-    figures = [
-        f"![{title.rstrip('.')}]({example.stem}/{figure.name})" for figure in sorted(work.glob("*.svg"))
-    ]
+    title, text = title_and_text(example)
     parts = [
-        f"# {title.rstrip('.')}",
-        text.strip(),
-        *figures,
+        f"# {title}",
+        text,
+        *(f"![{title}]({figure})" for figure in figures_of(example, folder)),
         f"`python examples/{example.name}`, {time.perf_counter() - start:.1f} s in this build:",
         f"```text\n{done.stdout.rstrip()}\n```",
         f"```{{literalinclude}} /../examples/{example.name}\n:language: python\n```",
