@@ -327,6 +327,16 @@ def test_the_past_is_repeated_from_the_kept_files(tmp_path, parts):
     assert all(abs(s) < 1e-6 for one in done["campaigns"] for s in one["change_sigmas"])
 
 
+def test_a_campaign_whose_images_are_gone_is_a_damaged_archive(tmp_path, parts):
+    archive = archive_of(tmp_path, parts["a"])
+    with closing(sqlite3.connect(archive.path)) as database, database:
+        database.execute("DROP TRIGGER image_DELETE")
+        database.execute("DELETE FROM image")
+    done = starplumb("archive", "trend", archive.path)
+    assert done.status == 2
+    assert 'found a damaged archive ("a campaign without its images")' in done.err
+
+
 @pytest.mark.slow
 def test_a_change_of_an_answer_is_said(tmp_path, parts):
     archive = archive_of(tmp_path, parts["a"])

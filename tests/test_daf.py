@@ -72,6 +72,23 @@ def test_what_spice_writes_is_whole_and_a_count_that_is_off_is_not(tmp_path, kin
         assert "\n" not in str(error.value)
 
 
+@pytest.mark.parametrize("kind", [2, 3, 5, 8, 9, 12, 13])
+def test_a_segment_for_times_beyond_what_it_holds_is_refused(tmp_path, kind):
+    """SPICE itself writes none, and would go on from the last states by a polynomial."""
+    path = orbit(tmp_path / "orbit.bsp", kind, 101)
+    data = path.read_bytes()
+    record = struct.unpack("<i", data[76:80])[0]
+    at = (record - 1) * 1024 + 24
+    opens, closes = struct.unpack("<2d", data[at : at + 16])
+    far = 2e6 if kind == 5 else 1.0
+    for span in ((opens - far, closes), (opens, closes + far)):
+        changed(path, at, struct.pack("<2d", *span))
+        with pytest.raises(InputError, match=r"a segment for .*, wanted times within [56]"):
+            require_whole(path, path)
+    changed(path, at, struct.pack("<2d", opens + 20.0, closes - 20.0))  # a part of it may be named
+    require_whole(path, path)
+
+
 def changed(path, at, value):
     data = bytearray(path.read_bytes())
     data[at : at + len(value)] = value

@@ -536,6 +536,8 @@ BAD: list[tuple[Callable[[], str], tuple[str, str], str]] = [
     (delivered, ('unit="ms">1.0', ">-1.0"), "wanted a positive number"),
     (delivered, (f"<START>{START}.000Z", "<START>yesterday"), 'START: found "yesterday", wanted a time'),
     (delivered, ("00.500Z", "01.600Z"), "for row 501, wanted 2020-06-01T12:00:00.500000"),
+    (delivered, ("<ROW>501<", "<ROW>1e70<"), 'ROW: found "1e70", wanted a row of the image'),
+    (delivered, ("<OFFSET>43200.5<", "<OFFSET>1e70<"), 'OFFSET: found "1e70", wanted the middle'),
     (delivered, ('LOCATION_XYZ unit="m"', 'LOCATION_XYZ unit="km"'), 'the unit "km", wanted one of m'),
     (delivered, ("LOCATION_XYZ", "PLACE"), r"Point\[1\]: found no LOCATION_XYZ"),
     (delivered, ("12:00:03Z", "12:00:02Z"), r"Point\[9\]: found a time not later"),

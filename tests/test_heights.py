@@ -96,6 +96,15 @@ def test_a_raster_that_does_not_cover_a_landmark_is_refused_by_name(tmp_path):
             dem.heights(np.array([44.5, latitude]) * DEG, np.array([6.5, longitude]) * DEG, ("a", "b"))
 
 
+def test_a_signalling_nan_is_no_data_without_a_warning(tmp_path):
+    """A bit of a damaged file makes one: numpy warns where it is made wider."""
+    path = write(tmp_path / "dem.tif", [[7.25, 20.0], [30.0, 40.0]], 5.0, 47.0, 1.0)
+    data = path.read_bytes()
+    assert data.count(np.float32(7.25).tobytes()) == 1
+    path.write_bytes(data.replace(np.float32(7.25).tobytes(), bytes.fromhex("0100a07f")))
+    np.testing.assert_equal(at(path, [46.5, 45.5], [5.5, 6.5]), [np.nan, 40.0])
+
+
 def test_an_empty_cell_of_no_weight_does_not_matter(tmp_path):
     values = [[1.0, -9999.0], [3.0, 4.0]]
     path = write(tmp_path / "dem.tif", values, 5.0, 47.0, 1.0, nodata=-9999.0)

@@ -180,6 +180,11 @@ FROM_FILE = (
         (LIST, "", "markers.east_north_km: found 3, wanted rows of two numbers, km"),
         ((("count = [3, 2]", "count = [3, 2, 1]"),), "", "markers.count: found"),
         ((("count = [3, 2]", "count = [3, true]"),), "", "markers.count: found"),
+        (
+            (("count = [3, 2]", "count = [1000000, 1000000]"),),
+            "",
+            "markers: found 1000000000000 markers to look for",
+        ),
         ((), "[truth.a]\nerror = 'drift'\nsigma_arcsec = 1\nharmonics = [0]\n", "truth.a.harmonics: found"),
         ((), "[truth.a]\nerror = 'drift'\nsigma_arcsec = 1\nharmonics = [21]\n", "truth.a.harmonics: found"),
         # keys that do not belong together

@@ -249,6 +249,7 @@ def test_quaternions_of_the_star_tracker_in_any_convention(
         ((f"<NCOLS>{COLUMNS}<", "<NCOLS>many<"), 'NCOLS: found "many", wanted a number'),
         (("<PSI_Y>0.0</PSI_Y>", "<PSI_Y>nan</PSI_Y>"), "wanted a number"),
         ((f"<LINE_PERIOD>{PERIOD}", "<LINE_PERIOD>0"), 'LINE_PERIOD: found "0", wanted a positive'),
+        (("_LINE>501<", "_LINE>1e70<"), 'SCENE_CENTER_LINE: found "1e70", wanted a row'),
     ],
 )
 def test_bad_scenes_are_refused_in_one_sentence(tmp_path: Path, change: tuple[str, str], says: str) -> None:

@@ -256,16 +256,19 @@ def inputs_of(database: sqlite3.Connection, campaign: str) -> dict[str, str]:
 
 
 def images_of(database: sqlite3.Connection, campaign: str) -> list[ImageRow]:
-    """The images of a campaign in the order of time."""
+    """The images of a campaign in the order of time.  Raises ValueError where there are none."""
     rows = database.execute(
         "SELECT image_id, t_ns, u_rad, beta_rad, temperatures_json, statistic, observations, sightings "
         "FROM image WHERE campaign = ? ORDER BY t_ns, image_id",
         (campaign,),
     )
-    return [
+    found = [
         ImageRow(i, t_ns, u, beta, json.loads(temperatures) if temperatures else {}, statistic, n, digest)
         for i, t_ns, u, beta, temperatures, statistic, n, digest in rows
     ]
+    if not found:
+        raise ValueError("a campaign without its images")
+    return found
 
 
 def equations_of(database: sqlite3.Connection, entry: Entry, camera: str) -> Equations:

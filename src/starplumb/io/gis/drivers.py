@@ -15,12 +15,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from warnings import catch_warnings, simplefilter
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ...physics.errors import InputError
 from ..text.files import show, trouble
 from ..text.libraries import keep_quiet
 
 if TYPE_CHECKING:
     from rasterio.io import DatasetReader
+
+Array = NDArray[np.float64]
 
 RASTERS = (
     *(
@@ -101,6 +106,19 @@ def parts_of(path: Path) -> list[Path]:
     """The files that GDAL reads of a raster: it, and what lies beside it under its name."""
     with open_raster(path) as dataset:
         return [Path(name) for name in dataset.files]
+
+
+def cells_of(path: Path, dataset: DatasetReader, band: int, window: tuple[int, int, int, int]) -> Array:
+    """Values of a window (left, top, width, height) of a band, (height, width); NaN where there is no data.
+
+    Raises InputError where they cannot be read.
+    """
+    from rasterio.windows import Window
+
+    with reading(path):
+        cells = dataset.read(band, window=Window(*window), masked=True)
+        # within, since a signalling NaN of a damaged file warns where it is made wider
+        return np.asarray(np.ma.filled(cells.astype(np.float64), np.nan), dtype=np.float64)
 
 
 @contextmanager

@@ -164,8 +164,6 @@ class Raster:
 
         What was read last is kept: who looks for where a ray meets the ground looks there again.
         """
-        from rasterio.windows import Window
-
         width = min(right + 2, self.dataset.width) - left
         height = min(bottom + 2, self.dataset.height) - top
         for (x, y), cells in self._last:
@@ -176,11 +174,9 @@ class Raster:
                 and top + height <= y + cells.shape[0]
             ):
                 return cells[top - y : top - y + height, left - x : left - x + width]
-        from .drivers import reading
+        from .drivers import cells_of
 
-        with reading(self.path):
-            band = self.dataset.read(1, window=Window(left, top, width, height), masked=True)
-        cells = np.asarray(np.ma.filled(band.astype(np.float64), np.nan), dtype=np.float64)
+        cells = cells_of(self.path, self.dataset, 1, (left, top, width, height))
         self._last[:] = [((left, top), cells)]
         return cells
 

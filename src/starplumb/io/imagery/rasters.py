@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...physics.errors import InputError
-from ..gis.drivers import open_raster, parts_of, reading
+from ..gis.drivers import cells_of, open_raster, parts_of, reading
 from ..text.files import read_text, trouble
 from ..text.numbers import numbers
 
@@ -122,11 +122,7 @@ class GdalPixels:
             return None if self.dataset.crs is None else str(self.dataset.crs.to_wkt())
 
     def cells(self, column: int, row: int, columns: int, rows: int) -> Array:
-        from rasterio.windows import Window
-
-        with reading(self.path):
-            band = self.dataset.read(self.band, window=Window(column, row, columns, rows), masked=True)
-        return np.asarray(np.ma.filled(band.astype(np.float64), np.nan), dtype=np.float64)
+        return cells_of(self.path, self.dataset, self.band, (column, row, columns, rows))
 
 
 def open_pixels(path: Path, band: int) -> Pixels:

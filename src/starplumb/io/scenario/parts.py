@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -25,6 +26,8 @@ Array = NDArray[np.float64]
 
 FILE_MARGIN_S = 1200.0
 """How far about the images a SPICE kernel is read."""
+MOST_SIGHTINGS = 2_000_000
+"""Of a scenario, which then takes about a gigabyte."""
 UNSTATED = scene.Sigmas(np.zeros(3), np.zeros(3), np.zeros(3), 1.0)
 """A true scene states no error; its sources do."""
 
@@ -94,9 +97,24 @@ def offsets(markers: MarkersConfig, rng: np.random.Generator) -> Array:
     return 0.5 * np.array(markers.extent_km) * unit_layout(markers, rng)
 
 
+def require_few(markers: int, images: int) -> None:
+    """Raise InputError where so many markers, each looked for in every image, are more than a scenario takes."""
+    if markers * images > MOST_SIGHTINGS:
+        found = f"found {markers} markers to look for in {images} images"
+        raise InputError(f"markers: {found}, wanted at most {MOST_SIGHTINGS} sightings")
+
+
+def laid_out(markers: MarkersConfig) -> int:
+    """How many markers a layout has."""
+    if markers.east_north_km is not None:
+        return len(markers.east_north_km)
+    count = markers.count or (1,)
+    return count[0] * count[-1] if markers.layout == "grid" else math.prod(count)
+
+
 def unit_layout(markers: MarkersConfig, rng: np.random.Generator) -> Array:
     count = markers.count or (1,)
     if markers.layout == "grid":
         return layout.grid(count[0], count[-1])
-    total = int(np.prod(count))
+    total = laid_out(markers)
     return layout.ring(total) if markers.layout == "ring" else layout.scattered(total, rng)

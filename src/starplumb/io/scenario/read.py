@@ -36,7 +36,9 @@ from .parts import (
     corrections,
     file_orbit,
     kepler,
+    laid_out,
     offsets,
+    require_few,
     square_period,
     unit_layout,
 )
@@ -226,10 +228,14 @@ def _plan_pass(
 def _mark(config: ScenarioConfig, folder: Path, campaign: Campaign, rng: np.random.Generator) -> Campaign:
     """The campaign with its markers sighted."""
     markers = config.markers
+    m = len(campaign.images.ids)
     if markers.layout == "file":
         from ..campaign.marks.landmarks import read_landmarks
 
-        return scene.mark_site(campaign, read_landmarks(folder / str(markers.file), []).r_J, UNSTATED)
+        surveyed = read_landmarks(folder / str(markers.file), []).r_J
+        require_few(len(surveyed), m)
+        return scene.mark_site(campaign, surveyed, UNSTATED)
+    require_few(laid_out(markers), m)
     if markers.on == "site":
         site = config.site
         assert site is not None  # the document's rules saw to it
@@ -239,7 +245,6 @@ def _mark(config: ScenarioConfig, folder: Path, campaign: Campaign, rng: np.rand
         return scene.mark_site(campaign, scene.site_grid(*place, height, offset), UNSTATED)
     columns, rows = campaign.camera.size_px
     middle = 0.5 * np.array([columns - 1.0, rows - 1.0])
-    m = len(campaign.images.ids)
     pixel = np.concatenate(
         [middle + (markers.extent or 1.0) * middle * unit_layout(markers, rng) for _ in range(m)]
     )

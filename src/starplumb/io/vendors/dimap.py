@@ -31,6 +31,7 @@ _PERIOD_TOLERANCE = 0.01
 """How far rows times line period may be from END - START, relative: some files round these to a millisecond."""
 _MOST_LATE_S = 1.0
 """A row dated farther than this from START and the line period is one of another image."""
+_MOST_ROW = 1e9
 _NODES = 8
 """Positions the vendor's interpolation uses."""
 _COLUMN_STEP = 16
@@ -245,6 +246,8 @@ def _row_times(root: Node, timing: _Timing) -> tuple[str, ...]:
         row, time = located.find("ROW"), located.find("TIME")
         if row is None or time is None:
             continue
+        if abs(row.number()) > _MOST_ROW:
+            raise row.error(show(row.text), "a row of the image")
         expected = timing.t_ns + 1e9 * timing.period_s * (row.number() - 1.0)
         late.append((time.epoch() - expected) * 1e-9)
         if abs(late[-1]) > _MOST_LATE_S:

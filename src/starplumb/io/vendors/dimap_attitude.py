@@ -16,6 +16,7 @@ _SAMPLES_PER_SCALE = 32
 """Quaternions sampled per unit of the polynomial's scaled time; the cubic through four of them leaves nothing."""
 _DAY_NS = 86_400 * 10**9
 _REACH = 10.0
+_MOST_OFFSET_S = 1e6
 """An image farther than this from the polynomial's middle, in units of its scale, is not the one it was made for."""
 _INVERSE_XYZW = np.array([-1.0, -1.0, -1.0, 1.0])
 _TELEMETRY = {
@@ -56,7 +57,10 @@ def sampled_polynomial(polynomial: Node, scaling: Node, start_ns: int, end_ns: i
 def _nearest_day(offset: Node, start_ns: int, end_ns: int) -> int:
     """Epoch of the seconds of a day that brings it next to the image, which may be of the day before or after."""
     midnight = int(parse([format_iso(start_ns, "UTC", 0)[0][:10] + "T00:00:00"], "UTC")[0])
-    epoch = midnight + round(1e9 * offset.number())
+    seconds = offset.number()
+    if abs(seconds) > _MOST_OFFSET_S:
+        raise offset.error(show(offset.text), "the middle of the attitude in seconds of the UTC day")
+    epoch = midnight + round(1e9 * seconds)
     middle = (start_ns + end_ns) // 2
     return epoch + _DAY_NS * round((middle - epoch) / _DAY_NS)
 

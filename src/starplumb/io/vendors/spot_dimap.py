@@ -30,6 +30,7 @@ _ATTITUDES = "Data_Strip/Satellite_Attitudes"
 _C_VN = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 """The axes that the vendor's later products have (x along the flight, z down) from those of the handbook."""
 _LEAST_POSITIONS = 4
+_MOST_SCENE_S = 3600.0
 
 
 @dataclass(frozen=True)
@@ -109,8 +110,11 @@ def _row_0(root: Node, skipped: int) -> tuple[int, float]:
     """Epoch of our row 0, the vendor's row ``1 + skipped``, and the line period."""
     stamp = root.need("Data_Strip/Sensor_Configuration/Time_Stamp")
     period = stamp.need("LINE_PERIOD").positive()
-    rows = 1 + skipped - stamp.need("SCENE_CENTER_LINE").number()
-    return stamp.need("SCENE_CENTER_TIME").epoch() + round(1e9 * period * rows), period
+    middle = stamp.need("SCENE_CENTER_LINE")
+    after_s = period * (1 + skipped - middle.number())
+    if abs(after_s) > _MOST_SCENE_S:
+        raise middle.error(show(middle.text), f"a row at most {_MOST_SCENE_S:g} s from the first")
+    return stamp.need("SCENE_CENTER_TIME").epoch() + round(1e9 * after_s), period
 
 
 def _orbit(root: Node) -> _Orbit:

@@ -29,6 +29,8 @@ _MOST_TIME = 1e19
 _MOST_NUMBER = 1e30
 _FAR_S = 1e6
 """Of the two bodies' orbit from the nearest state."""
+_ROUNDING_S = 1e-3
+"""Of the ends of what a segment holds."""
 _GROUP = 100
 """Of how many values a directory names the last."""
 
@@ -166,10 +168,19 @@ def _require_length(daf: _Daf, segment: _Segment, length: int) -> None:
         raise daf.broken(f"{found}, wanted a whole file")
 
 
-def _at_times(daf: _Daf, segment: _Segment, n: int, width: int, names: int, tail: int) -> None:
-    """``n`` records of ``width`` numbers, their times, the directory, and ``tail`` numbers more."""
+def _require_within(daf: _Daf, segment: _Segment, first: float, last: float) -> None:
+    """SPICE writes no segment for times beyond what it holds, and reads a polynomial far outside its nodes there."""
+    if not first - _ROUNDING_S <= segment.opens <= segment.closes <= last + _ROUNDING_S:
+        held = f"{first:.9g} to {last:.9g}"
+        raise daf.broken(
+            f"a segment for {segment.opens:.9g} to {segment.closes:.9g}, wanted times within {held}"
+        )
+
+
+def _at_times(daf: _Daf, segment: _Segment, n: int, width: int, names: int, tail: int) -> FloatArray:
+    """``n`` records of ``width`` numbers, their times, the directory, and ``tail`` numbers more; the times."""
     _require_length(daf, segment, (width + 1) * n + names + tail)
-    daf.times(segment.begin + width * n, n, names)
+    return daf.times(segment.begin + width * n, n, names)
 
 
 def _in_stretches(daf: _Daf, segment: _Segment, n: int, width: int, tail: int) -> FloatArray:
@@ -190,13 +201,15 @@ def _names(n: int) -> int:
 
 def _differences(daf: _Daf, segment: _Segment) -> None:
     n = daf.count(segment.end, "the number of records", 1)
-    _at_times(daf, segment, n, 71, n // _GROUP, 1)
+    times = _at_times(daf, segment, n, 71, n // _GROUP, 1)
+    _require_within(daf, segment, -np.inf, times[-1])
 
 
 def _long_differences(daf: _Daf, segment: _Segment) -> None:
     n = daf.count(segment.end, "the number of records", 1)
     size = daf.count(segment.end - 1, "the size of difference lines", 1, _MOST_DEGREE)
-    _at_times(daf, segment, n, 4 * size + 11, n // _GROUP, 2)
+    times = _at_times(daf, segment, n, 4 * size + 11, n // _GROUP, 2)
+    _require_within(daf, segment, -np.inf, times[-1])
 
 
 def _chebyshev(components: int) -> _Check:
@@ -204,20 +217,19 @@ def _chebyshev(components: int) -> _Check:
         n = daf.count(segment.end, "the number of records", 1)
         most = 2 + components * (_MOST_DEGREE + 3)
         size = daf.count(segment.end - 1, "the size of records", 2 + components, most)
-        (step,) = daf.numbers(segment.end - 2, 1)
+        first, step = daf.numbers(segment.end - 3, 2)
         if (size - 2) % components or not 0.0 < step < np.inf:
             raise daf.broken(f"records of {size} numbers for {step:g} s, wanted a polynomial's")
         _require_length(daf, segment, size * n + 4)
+        _require_within(daf, segment, first, first + n * step)
 
     return check
 
 
 def _two_body(daf: _Daf, segment: _Segment) -> None:
     n = daf.count(segment.end, "the number of states", 1)
-    _at_times(daf, segment, n, 6, n // _GROUP, 2)
-    first, last = daf.numbers(segment.begin + 6 * n, 1)[0], daf.numbers(segment.begin + 7 * n - 1, 1)[0]
-    if segment.opens < first - _FAR_S or segment.closes > last + _FAR_S:
-        raise daf.broken("a segment for times far from its states, wanted those about them")
+    times = _at_times(daf, segment, n, 6, n // _GROUP, 2)
+    _require_within(daf, segment, times[0] - _FAR_S, times[-1] + _FAR_S)
     (mass,) = daf.numbers(segment.end - 1, 1)
     states = np.array(daf.numbers(segment.begin, 6 * n)).reshape(n, 6)
     distance, speed = np.linalg.norm(states[:, :3], axis=1), np.linalg.norm(states[:, 3:], axis=1)
@@ -230,23 +242,26 @@ def _two_body(daf: _Daf, segment: _Segment) -> None:
 def _equal_steps(daf: _Daf, segment: _Segment) -> None:
     n = daf.count(segment.end, "the number of states", 1)
     daf.count(segment.end - 1, "the degree", 1, min(_MOST_NODES, n) - 1)
-    (step,) = daf.numbers(segment.end - 2, 1)
+    first, step = daf.numbers(segment.end - 3, 2)
     if not 0.0 < step < np.inf:
         raise daf.broken(f"states {step:g} s apart, wanted a positive step")
     _require_length(daf, segment, 6 * n + 4)
+    _require_within(daf, segment, first, first + (n - 1) * step)
 
 
 def _nodes(daf: _Daf, segment: _Segment) -> None:
     n = daf.count(segment.end, "the number of states", 1)
     daf.count(segment.end - 1, "the degree", 0, min(_MOST_NODES, n) - 1)
-    _at_times(daf, segment, n, 6, _names(n), 2)
+    times = _at_times(daf, segment, n, 6, _names(n), 2)
+    _require_within(daf, segment, times[0], times[-1])
 
 
 def _packets(daf: _Daf, segment: _Segment) -> None:
     n = daf.count(segment.end, "the number of packets", 1)
     daf.count(segment.end - 1, "the window", 1, min(_MOST_NODES, n))
     width = (12, 6, 6)[daf.count(segment.end - 2, "the subtype", most=2)]
-    _at_times(daf, segment, n, width, _names(n), 3)
+    times = _at_times(daf, segment, n, width, _names(n), 3)
+    _require_within(daf, segment, times[0], times[-1])
 
 
 def _fixed(words: int) -> _Check:
@@ -280,8 +295,7 @@ def _packets_in_intervals(daf: _Daf, segment: _Segment) -> None:
     daf.count(segment.end - 2, "the window", 1, min(_MOST_NODES, n))
     width = (8, 4, 14, 7)[daf.count(segment.end - 3, "the subtype", most=3)]
     times = _in_stretches(daf, segment, n, width, 5)
-    if not times[0] <= segment.opens <= segment.closes <= times[-1]:
-        raise daf.broken("a segment for times beyond its packets, wanted those between them")
+    _require_within(daf, segment, times[0], times[-1])
 
 
 _SPK: dict[int, _Check] = {
