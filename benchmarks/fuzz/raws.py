@@ -13,21 +13,9 @@ from damage import BINARY, PLAIN, hashed, packed
 from products import raster
 from target import Target
 
-SECTIONS = """
-[images]
-file = "images.csv"
-[imagery]
-files = "raw_{image_id}.png"
-saturation_dn = 4095
-[reference]
-files = ["ortho_*.png"]
-crs = "EPSG:4326"
-dem = "dem.asc"
-heights = "ellipsoidal"
-sigma_m = [0.1, 0.1, 0.5]
-correlation_length_m = 300.0
-[measure]
-grid = [4, 4]
+CHIPS = b"""[reference]
+kind = "chips"
+files = ["."]
 """
 COLUMNS, ROWS = 40, 30
 STEP = 2e-5
@@ -47,6 +35,8 @@ def png(values: Any) -> bytes:
 
 def _files() -> dict[str, bytes]:
     """A campaign of one image with everything that measuring reads."""
+    from on_disk import SECTIONS
+
     from starplumb.io.campaign.write import write_campaign
     from starplumb.physics.camera import FrameCamera
     from starplumb.plan.demo import demo
@@ -65,7 +55,7 @@ def _files() -> dict[str, bytes]:
     heights = "\n".join(" ".join(f"{i + j / 2}" for j in range(9)) for i in range(8))
     dem = "ncols 9\nnrows 8\nxllcenter 8.9999\nyllcenter 44.999\ncellsize 0.0003\nNODATA_value -9999\n"
     return files | {
-        "campaign.toml": head + SECTIONS.encode(),
+        "campaign.toml": head + SECTIONS.replace("raw/", "raw_").encode(),
         f"raw_{campaign.images.ids[0]}.png": png(raw),
         "ortho_0.png": png(ortho),
         "ortho_0.pgw": WORLD.encode(),
@@ -90,6 +80,48 @@ def _read(folder: Path) -> Any:
     latitude, longitude = (45.0 - STEP * row) * DEG, (9.0 + STEP * column) * DEG
     return (
         scene.raws[0].window(-2, 3, 50, 20),
+        scene.reference.sample(latitude, longitude, 2.0),
+        scene.height_at(latitude.ravel(), longitude.ravel()),
+    )
+
+
+def _library(files: Mapping[str, bytes]) -> dict[str, bytes]:
+    """The same campaign with a chip of its orthoimage in place of it."""
+    from starplumb.imagery.scene import Scene
+    from starplumb.io.imagery.cutting import Cut, write_library
+    from starplumb.io.imagery.ortho import Ortho, Tile
+    from starplumb.io.imagery.rasters import open_pixels
+    from starplumb.physics.earth import geodetic_to_itrf
+    from starplumb.physics.units import DEG
+
+    with TemporaryDirectory() as name:
+        folder = Path(name)
+        for each in ("ortho_0.png", "ortho_0.pgw"):
+            (folder / each).write_bytes(files[each])
+        tile = Tile.of(open_pixels(folder / "ortho_0.png", 1), "EPSG:4326", None)
+        scene = Scene(None, (), Ortho([tile]), lambda latitude, longitude: 10.0 + 1e4 * latitude, 30.0)
+        place = geodetic_to_itrf((45.0 - 15 * STEP) * DEG, (9.0 + 20 * STEP) * DEG, 7860.0)
+        write_library(folder / "lib", scene, Cut(place[None], np.array([27.0]), (0.5, 0.5, 3.0), 300.0))
+        cut = {path.name: path.read_bytes() for path in (folder / "lib").iterdir()}
+    toml = files["campaign.toml"].split(b"[reference]")[0] + CHIPS
+    kept = {each: data for each, data in files.items() if not each.startswith(("ortho_", "dem"))}
+    return kept | cut | {"campaign.toml": toml}
+
+
+def _read_library(folder: Path) -> Any:
+    """What measuring takes out of a library: its landmarks, and brightness and heights around a place."""
+    from starplumb.io.campaign.read import load_images
+    from starplumb.physics.units import DEG
+    from starplumb.session.imagery.library import open_library
+
+    path = folder / "campaign.toml"
+    loaded, scene = open_library(str(path), load_images(path))
+    row, column = np.meshgrid(np.arange(8.0, 22.0), np.arange(12.0, 28.0), indexing="ij")
+    latitude, longitude = (45.0 - STEP * row) * DEG, (9.0 + STEP * column) * DEG
+    landmarks = loaded.campaign.landmarks
+    return (
+        landmarks.r_J,
+        landmarks.covariance_J,
         scene.reference.sample(latitude, longitude, 2.0),
         scene.height_at(latitude.ravel(), longitude.ravel()),
     )
@@ -124,4 +156,6 @@ def raws() -> Iterator[Target]:
         yield Target(name, files, (file,), _read, same=same)
     yield Target("measure, raw PNG", files, (image,), _read, PNG, ())
     yield Target("measure, ortho PNG", files, ("ortho_0.png",), _read, PNG, ())
+    cut = _library(files)
+    yield Target("measure, chips.csv", cut, ("chips.csv",), _read_library)
     yield from _georeferenced(files)

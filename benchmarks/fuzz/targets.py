@@ -16,7 +16,8 @@ from raws import raws
 from series import series
 from target import Compare, Target
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tests"))
+TESTS = Path(__file__).resolve().parents[2] / "tests"
+sys.path[:0] = [str(TESTS), str(TESTS / "imagery")]
 
 
 def _text(files: Mapping[str, str]) -> dict[str, bytes]:

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from ..physics import so3
 from ..table.geometry import locate, project
 from .coarse import Coarse, coarse_images
+from .library.expected import most_binned, summed_surface
 from .matching.orientation import correlation, orientation
 from .scene import Scene, geodetic
 
@@ -69,7 +70,8 @@ class Acquisition:
 def search_factor(scene: Scene, sigma_K: Array, own_K: Array) -> int:
     """How many pixels are binned for the search."""
     own_px = float(max(own_K[0], own_K[1])) / _pixel_rad(scene)
-    return _factor(max(max(raw.size_px) for raw in scene.raws), _reach_px(scene, sigma_K), own_px)
+    factor = _factor(max(max(raw.size_px) for raw in scene.raws), _reach_px(scene, sigma_K), own_px)
+    return factor if scene.chip_half_m is None else min(factor, most_binned(scene))
 
 
 def acquire(
@@ -191,6 +193,9 @@ def _surfaces(
             yield np.zeros((2 * k + 1, 2 * k + 1))
             continue
         chip = each.orientation
+        if scene.chip_half_m is not None:
+            yield standing(summed_surface(scene, C_EK, image, chip, factor, k))
+            continue
         rows, columns = chip.shape
         column = (np.arange(-k, columns + k) + 0.5) * factor - 0.5
         row = (np.arange(-k, rows + k) + 0.5) * factor - 0.5

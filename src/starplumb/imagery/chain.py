@@ -15,6 +15,7 @@ from .acquisition import Acquisition, acquire
 from .candidates import candidate_places
 from .chips import Chip, Tell, chips
 from .explanation import Explanation
+from .library.chips import library_chips, refine_by_library
 from .pointing import Pointing, pointed
 from .scene import Scene, reduced
 from .search import Found, refine
@@ -143,17 +144,22 @@ def measure_image(
         tall = f"{acquired.together.height:.1f} sigma, and the next {acquired.together.second:.1f}"
         reason = f"no place of the search stands out (the best by {tall}): wrong reference, band or prior, or cloud"
         return MeasuredImage(image, start, Found(start, 0, 0, reason), (), reason=reason)
-    found = refine(scene, acquired.C_EK[image], image, acquired.cell_px, sigma_K)
+    finer = refine if scene.chip_half_m is None else refine_by_library
+    found = finer(scene, acquired.C_EK[image], image, acquired.cell_px, sigma_K)
     if found.reason:
         return MeasuredImage(image, found.C_EK, found, (), reason=found.reason)
     raw = scene.raws[image]
-    places = candidate_places(raw, wanted.grid, wanted.chip_px, RIM_PX)
     brightness = Brightness.of(reduced(raw, max(1, max(raw.size_px) // 256)))
-    done = chips(scene, found.C_EK, image, places, wanted.chip_px, brightness, tell)
+    if scene.chip_half_m is None:
+        places = candidate_places(raw, wanted.grid, wanted.chip_px, RIM_PX)
+        matched = partial(chips, places=places, chip_px=wanted.chip_px)
+    else:
+        matched = partial(library_chips, chip_px=wanted.chip_px, grid=wanted.grid)
+    done = matched(scene, found.C_EK, image, brightness=brightness, tell=tell)
     fitted = _fitted(scene.campaign, found.C_EK, image, done, sigma_K)
     if fitted is not None and np.abs(_moved(done)).max() > AGAIN_PX:
         # far from where they were predicted the chips' affine tells their place less well
-        done = chips(scene, fitted.C_EK, image, places, wanted.chip_px, brightness)
+        done = matched(scene, fitted.C_EK, image, brightness=brightness)
         fitted = _fitted(scene.campaign, fitted.C_EK, image, done, sigma_K)
     return _too_few(image, found, done) if fitted is None else _told(image, found, done, fitted, wanted)
 

@@ -13,6 +13,7 @@ from ..physics.units import DEG
 from ..table.geometry import locate
 from .acquisition import Acquisition, acquire, search_factor
 from .coarse import Coarse, coarse_images
+from .library.expected import expected
 from .scene import Scene, geodetic
 
 Array = NDArray[np.float64]
@@ -63,6 +64,8 @@ class Explanation:
 
     def _beyond(self, image: int) -> str:
         """Which of heights and orthoimage covers none of an image's ground."""
+        if self.scene.chip_half_m is not None:
+            return self._without_chips(image)
         columns, rows = self.scene.raws[image].size_px
         x, y = (
             grid.ravel()
@@ -79,6 +82,17 @@ class Explanation:
         if not np.isfinite(self.scene.reference.sample(latitude, longitude, spacing)).any():
             return f"the orthoimage (reference.files) covers none of the ground where it looks, {near}"
         return ""
+
+    def _without_chips(self, image: int) -> str:
+        """That no chip of the library lies where an image looks, if it is so."""
+        scene = self.scene
+        C_EK = self.acquired.C_EK[image] if self.acquired.clear else scene.campaign.C_EK
+        if expected(scene, C_EK, image, 0.0).landmark.size:
+            return ""
+        middle = 0.5 * (np.array(scene.raws[image].size_px) - 1.0)
+        p_J = locate(scene.campaign, C_EK, np.array([image]), middle[:1], middle[1:], 0.0)
+        near = " longitude ".join(f"{float(angle[0]) / DEG:.3f}," for angle in geodetic(p_J))
+        return f"the library has no chip where it looks, about latitude {near.rstrip(',')}"
 
     @cached_property
     def coarse(self) -> Sequence[Coarse]:

@@ -42,7 +42,10 @@ class Reference(Protocol):
 @dataclass(frozen=True)
 class Scene:
     """The images of a campaign with their pixels, the reference, and heights above the ellipsoid with their ``step_m``;
-    ``saturation_dn`` is the value of a pixel that is full, None where that is not stated."""
+    ``saturation_dn`` is the value of a pixel that is full, None where that is not stated.
+
+    With ``chip_half_m`` the reference is a library: it shows what is around the campaign's landmarks only, so far to
+    each side."""
 
     campaign: Campaign
     raws: Sequence[Raw]
@@ -50,6 +53,7 @@ class Scene:
     height_at: HeightAt
     step_m: float
     saturation_dn: float | None = None
+    chip_half_m: float | None = None
 
     def ground(self, C_EK: Array, image: int, pixel: Array) -> Array:
         """Points p_J (n, 3) of the terrain that pixels (n, 2) see; NaN where the ground is not known."""

@@ -100,12 +100,12 @@ class ImageryConfig(Section):
 class ReferenceConfig(Section):
     """[reference]: ground whose place is known."""
 
-    kind: Annotated[Literal["ortho", "points"], choice("ortho", "points")] = Field(
-        default="ortho", description='"ortho" or "points"'
+    kind: Annotated[Literal["ortho", "chips", "points"], choice("ortho", "chips", "points")] = Field(
+        default="ortho", description='"ortho", "chips" or "points"'
     )
     files: Annotated[tuple[str, ...], BeforeValidator(_names)] = Field(
         description='the names of the orthoimage\'s tiles or patterns of them, such as ["ortho/*.tif"]; of points, '
-        "that of the table of landmarks"
+        "that of the table of landmarks; of chips, the folders of their libraries"
     )
     shape: Annotated[Literal["light", "disc", "cross"], choice("light", "disc", "cross")] = Field(
         default="light", description='what points are, "light", "disc" or "cross"'
@@ -138,6 +138,10 @@ class ReferenceConfig(Section):
     def rules(cls, given: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         if given.get("kind") == "points":
             yield from _of_points(given)
+        elif given.get("kind") == "chips":
+            for key in ("dem", "heights", "crs", "band", "nodata"):
+                if key in given:
+                    yield key, 'found it beside kind = "chips", wanted none: a library holds its own'
         else:
             for key in ("dem", "heights", "sigma_m"):
                 if key not in given:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -17,9 +17,13 @@ from ...imagery.scene import Scene
 from ...imagery.targets.chain import TargetScene
 from ...io.campaign.files import names_of
 from ...io.campaign.read import LoadedImages
+from ...io.campaign.write import landmarks_text
 from ...io.imagery.kept import KeptImages
 from ...io.imagery.tables import Marks, campaign_text
 from ...io.text.files import read_text
+from ...physics.earth import C_JT, itrf_to_geodetic
+from ...physics.errors import InputError
+from ...table.campaign import Landmarks
 from ..arguments import Folder, checked
 from ..show import Shown
 
@@ -78,10 +82,8 @@ class Measurement(Shown):
             return 0.0
         scene = self.scene
         assert isinstance(scene, Scene)
-        sigma, length = self._reference.sigma_m, self._reference.correlation_length_m
-        beyond = [
-            image.floor_px**2 - seen_of_reference(scene, image, sigma, length or 0.0) for image in measured
-        ]
+        sigma, length = self._sigma_m, self._length_m or 0.0
+        beyond = [image.floor_px**2 - seen_of_reference(scene, image, sigma, length) for image in measured]
         return float(np.sqrt(max(float(np.mean(beyond)), 0.0)))
 
     @cached_property
@@ -142,7 +144,7 @@ class Measurement(Shown):
         out = Path(folder)
         files: dict[str, Content] = {}
         if self.acquired:
-            names, length = names_of(self.loaded.config), self._reference.correlation_length_m
+            names, length = names_of(self.loaded.config), self._length_m
             files = self._tables()
             files["campaign.toml"] = campaign_text(
                 read_text(self.path), self.loaded.folder, out, names, length, self.marks_name
@@ -156,11 +158,12 @@ class Measurement(Shown):
 
     def _tables(self) -> dict[str, Content]:
         """The tables that ``campaign.toml`` names, by their files."""
-        marks = self.marks
-        return {
-            "landmarks.csv": marks.landmarks(self._reference.sigma_m),
-            "observations.csv": marks.observations(),
-        }
+        marks, surveyed = self.marks, self._surveyed
+        if surveyed is None:
+            landmarks = marks.landmarks(self._reference.sigma_m)
+        else:
+            landmarks = landmarks_text(seen_of(surveyed, marks.landmark_ids))
+        return {"landmarks.csv": landmarks, "observations.csv": marks.observations()}
 
     def report(self) -> str:
         """The page ``measure.html``: every chip for the eye."""
@@ -168,6 +171,47 @@ class Measurement(Shown):
 
         chips = [chip for image in self.images for chip in image.chips]
         return measurement_page(self.document, [chip.picture for chip in chips if chip.picture is not None])
+
+    @checked
+    def save_chips(self, folder: Folder) -> int:
+        """Cut the chips that were used out of the orthoimage, with the heights around them, and write them as a library
+        that [reference] with kind = "chips" reads, into a new folder; how many there are.
+
+        Raises InputError where the reference is no orthoimage, nothing was measured, or something is in the folder.
+        """
+        from ...io.imagery.cutting import Cut, write_library
+        from .library import to_cut
+
+        place, reference = Path(folder), self._reference
+        require_cut(place, reference.kind)
+        assert isinstance(self.scene, Scene)
+        assert self.loaded.config.measure is not None
+        centres = to_cut(self.scene, self.images, self.loaded.config.measure.chip_px)
+        return write_library(
+            place, self.scene, Cut(*centres, reference.sigma_m, reference.correlation_length_m)
+        )
+
+    @property
+    def _surveyed(self) -> Landmarks | None:
+        """The landmarks of a reference that has some of its own: targets, or a library's chips."""
+        landmarks = self.loaded.campaign.landmarks
+        return landmarks if landmarks.ids else None
+
+    @property
+    def _length_m(self) -> float | None:
+        """Over which distance the reference's error is alike."""
+        surveyed = self._surveyed
+        return self._reference.correlation_length_m if surveyed is None else surveyed.correlation_length
+
+    @property
+    def _sigma_m(self) -> Array:
+        """The reference's sigma (3,) east, north, up, of a library the root mean square of its chips'."""
+        surveyed = self._surveyed
+        if surveyed is None:
+            return np.array(self._reference.sigma_m, dtype=np.float64)
+        C = C_JT(*itrf_to_geodetic(surveyed.r_J)[:2])
+        along = np.diagonal(C.mT @ surveyed.covariance_J @ C, axis1=-2, axis2=-1)
+        return np.asarray(np.sqrt(along.mean(axis=0)))
 
     def _name(self, image: MeasuredImage) -> str:
         return self.loaded.campaign.images.ids[image.image]
@@ -183,6 +227,30 @@ def require_place(folder: Path, campaign: Path) -> None:
     from ...documents.imagery.measure import MeasureDocument
 
     require_replaceable(folder, [*FILES, MEASURE], [campaign], (MEASURE, MeasureDocument.kind()))
+
+
+def require_cut(folder: Path, kind: str) -> None:
+    """Raise InputError before the work where no library could be cut from this kind of reference into a folder."""
+    from ...io.imagery.cutting import require_new_folder
+
+    if kind != "ortho":
+        raise InputError(
+            f'{folder}: found reference.kind = "{kind}", wanted "ortho": chips are cut out of an orthoimage'
+        )
+    require_new_folder(folder)
+
+
+def seen_of(landmarks: Landmarks, names: Sequence[str]) -> Landmarks:
+    """Those landmarks that are named."""
+    seen = set(names)
+    chosen = np.array([name in seen for name in landmarks.ids])
+    return replace(
+        landmarks,
+        ids=tuple(name for name in landmarks.ids if name in seen),
+        r_J=landmarks.r_J[chosen],
+        covariance_J=landmarks.covariance_J[chosen],
+        sources=None,
+    )
 
 
 def landmark_id(image_id: str, number: int) -> str:

@@ -20,7 +20,8 @@ from ...io.text.files import fingerprint
 from ...physics.errors import InputError
 from ...table.geometry import position_covariance, stations
 from ..arguments import checked
-from .measurement import Measurement
+from .library import open_library
+from .measurement import Measurement, require_cut
 from .targets import measure_targets_of
 
 Array = NDArray[np.float64]
@@ -55,16 +56,32 @@ def measure_watched(path: Path, tell: Tell, out: Path | None = None) -> Measurem
         )
     if config.reference.kind == "points":
         return measure_targets_of(path, _with_inputs(loaded, _raw_files(loaded)), prior_E, _own(loaded), tell)
-    scene = open_scene(str(path), loaded.campaign, loaded.folder, config.imagery, config.reference)
-    tiles = reference_paths(str(path), loaded.folder, config.reference)
-    grids = [loaded.folder / name for name in (config.reference.dem, config.reference.geoid) if name]
-    placed = [part for path in (*tiles, *grids) for part in files_of(path)]
-    loaded = _with_inputs(loaded, [*_raw_files(loaded), *placed])
+    if config.reference.kind == "chips":
+        loaded, scene = open_library(str(path), _with_inputs(loaded, _raw_files(loaded)))
+    else:
+        scene = open_scene(str(path), loaded.campaign, loaded.folder, config.imagery, config.reference)
+        loaded = _with_inputs(loaded, [*_raw_files(loaded), *_reference_files(path, loaded)])
     wanted = Wanted(config.measure.chip_px, config.measure.grid, config.measure.check_share)
     kept = None if out is None else KeptImages.beside(out, _about(loaded))
     total = len(scene.raws) * wanted.grid[0] * wanted.grid[1]
     images = measure_images(scene, prior_E, _own(loaded), wanted, lambda done: tell(done, total), kept)
     return Measurement(path, loaded, scene, tuple(images), kept)
+
+
+def require_library(folder: Path, campaign: Path) -> None:
+    """Raise InputError before the work where a library could not be cut of a campaign's reference into a folder."""
+    reference = load_images(campaign).config.reference
+    if reference is not None:
+        require_cut(folder, reference.kind)
+
+
+def _reference_files(settings: Path, loaded: LoadedImages) -> list[Path]:
+    """The tiles and heights that are read, with what lies beside them."""
+    reference = loaded.config.reference
+    assert reference is not None
+    tiles = reference_paths(str(settings), loaded.folder, reference)
+    grids = [loaded.folder / name for name in (reference.dem, reference.geoid) if name]
+    return [part for path in (*tiles, *grids) for part in files_of(path)]
 
 
 def _raw_files(loaded: LoadedImages) -> list[Path]:

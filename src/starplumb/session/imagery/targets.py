@@ -65,19 +65,10 @@ class TargetMeasurement(Measurement):
         ]
 
     def _tables(self) -> dict[str, Content]:
-        landmarks, marks = self.loaded.campaign.landmarks, self.marks
-        if not self.labelled:
-            return {"landmarks.csv": landmarks_text(landmarks), "detections.csv": marks.detections()}
-        seen = set(marks.landmark_ids)
-        chosen = np.array([name in seen for name in landmarks.ids])
-        used = replace(
-            landmarks,
-            ids=tuple(name for name in landmarks.ids if name in seen),
-            r_J=landmarks.r_J[chosen],
-            covariance_J=landmarks.covariance_J[chosen],
-            sources=None,
-        )
-        return {"landmarks.csv": landmarks_text(used), "observations.csv": marks.observations()}
+        if self.labelled:
+            return super()._tables()
+        landmarks = self.loaded.campaign.landmarks
+        return {"landmarks.csv": landmarks_text(landmarks), "detections.csv": self.marks.detections()}
 
     @property
     def _imagery(self) -> ImageryConfig:
