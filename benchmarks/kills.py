@@ -2,9 +2,10 @@
 
 python benchmarks/kills.py --kills 200
 
-Half of the kills fall anywhere in the run, half after the first file has been begun.  A set counts as old or new where
-every file of it is, to the byte; ``between`` counts those that are neither, ``told`` those among them whose mark says
-so by its digests.  After the kills of each row the command runs once more and must give the new set and no remains.
+Half of the kills fall anywhere in the run, a quarter after the first file has been begun, a quarter as soon as the
+order of the renames is noted.  A set counts as old or new where every file of it is, to the byte; ``between`` counts
+those that are neither, ``told`` those among them whose mark says so by its digests.  After the kills of each row the
+command runs once more and must give the new set and no remains.
 """
 
 from __future__ import annotations
@@ -101,7 +102,7 @@ CASES = (
     Case("simulate", (*STUDY, "--trials", "400"), (*STUDY, "--trials", "800")),
     Case("locate --grid .npy", (*GRID, "g.npy", "--every", "100"), (*GRID, "g.npy", "--every", "20")),
     Case("locate --grid .tif", (*GRID, "g.tif", "--every", "100"), (*GRID, "g.tif", "--every", "20")),
-    Case("import", (), ("import", "a.tsai", "new", *SIGMAS)),
+    Case("import, new", (), ("import", "a.tsai", "new", *SIGMAS)),
     Case("import --into", ("import", "a.tsai", "new", *SIGMAS), ("import", "b.tsai", "--into", "new", "-q")),
     Case("measure, first", (), ("measure", "world/campaign.toml", "--out", "m", "-q")),
     Case(
@@ -167,23 +168,37 @@ def prepare(folder: Path, archive: bool, world: bool) -> None:
         starplumb(folder, "calibrate", f"{name}-campaign/campaign.toml", "--no-report", "-q", "--out", name)
 
 
-def kill_once(case: Case, old: Path, work: Path, seconds: float, draw: random.Random, aimed: bool) -> None:
-    """Run the command in a copy of the old folder and kill it; aimed at its writing, or anywhere."""
+def begun(work: Path) -> bool:
+    """Whether a command has begun to write a file."""
+    return seen(work, ".starplumb-*", "*/.starplumb-*", "m.db-*")
+
+
+def placing(work: Path) -> bool:
+    """Whether it is about to rename what it has written, or has an archive's log to close."""
+    return seen(work, ".starplumb-*/.order", "*/.starplumb-*/.order", "m.db-*")
+
+
+def seen(work: Path, *patterns: str) -> bool:
+    try:
+        return any(any(work.glob(pattern)) for pattern in patterns)
+    except FileNotFoundError:  # gone while it was looked into
+        return False
+
+
+def kill_once(case: Case, old: Path, work: Path, seconds: float, draw: random.Random, i: int) -> None:
+    """Run the command in a copy of the old folder and kill it: anywhere, at its writing, or at its renaming."""
     shutil.rmtree(work, ignore_errors=True)
     shutil.copytree(old, work)
     process = subprocess.Popen(
         [*COMMAND, *case.new], cwd=work, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
     )
-    if aimed:
-        while process.poll() is None and not [
-            *work.glob(".starplumb-*"),
-            *work.glob("*/.starplumb-*"),
-            *work.glob("m.db-*"),
-        ]:
-            time.sleep(0.001)
-        time.sleep(draw.uniform(0.0, 0.05))
-    else:
+    if i % 2:
         time.sleep(draw.uniform(0.0, seconds))
+    else:
+        far, within = (begun, 0.05) if i % 4 else (placing, 0.002)
+        while process.poll() is None and not far(work):
+            time.sleep(0.0002)
+        time.sleep(draw.uniform(0.0, within))
     process.kill()
     process.wait()
 
@@ -202,7 +217,7 @@ def row(case: Case, base: Path, kills: int, draw: random.Random) -> Counter[str]
     before, after, found = case.see(old), case.see(new), Counter[str]()
     assert before != after
     for i in range(kills):
-        kill_once(case, old, work, seconds, draw, aimed=i % 2 == 0)
+        kill_once(case, old, work, seconds, draw, i)
         found["remains"] += any(work.rglob(".starplumb-*"))
         seen = case.see(work)
         kind = "old" if seen == before else "new" if seen == after else "between"

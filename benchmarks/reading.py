@@ -22,8 +22,8 @@ from pyarrow import csv, parquet
 
 from starplumb.estimators.gls import Gls
 from starplumb.io.campaign.read import load_campaign
-from starplumb.io.tables.arrow import columns_of_table, read_binary, read_large_csv
-from starplumb.io.tables.csv_rows import read_rows
+from starplumb.io.tables.arrow import columns_of_table, read_binary
+from starplumb.io.tables.csv_tables import read_csv
 from starplumb.io.tables.schema import Schema
 from starplumb.table.geometry import observe
 from starplumb.table.parameters import OPTICS, Optics
@@ -41,8 +41,8 @@ def readers(path: Path, schema: Schema, rounds: int) -> list[tuple[str, float]]:
     binary = path.with_suffix(".parquet")
     parquet.write_table(csv.read_csv(path), binary)
     return [
-        ("CSV by PyArrow", best(lambda: read_large_csv(path, schema), rounds)[0]),
-        ("CSV row by row", best(lambda: read_rows(path, schema), 1)[0]),
+        ("CSV by PyArrow", best(lambda: read_csv(path, schema), rounds)[0]),
+        ("CSV row by row", best(lambda: read_csv(path, schema, quick=False), 1)[0]),
         ("Parquet", best(lambda: columns_of_table("", read_binary(binary, "Parquet"), schema), rounds)[0]),
     ]
 

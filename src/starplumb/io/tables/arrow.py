@@ -5,10 +5,8 @@ PyArrow is imported where it is used: a small campaign of CSV files does without
 
 from __future__ import annotations
 
-import mmap
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -16,19 +14,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...physics.errors import InputError
-from ..text.files import composed, show, trouble
+from ..text.files import composed, lines_of, show, trouble
 from ..text.numbers import MOST_FINITE
 from ..text.visible import IN_NAME
-from .cells import NUMBER, PRINTABLE, Array, Columns, cell_error, none_kept, to_numbers
-from .csv_rows import CsvLines
+from .cells import NUMBER, PRINTABLE, Array, Columns, Part, cell_error, none_kept, to_numbers
+from .pieces import line_ends
 from .schema import Schema
 
 _PIECE = 1 << 18
-"""Bytes of a CSV file that are read at a time; PyArrow reads some thirty such pieces ahead."""
+"""Bytes of CSV text that PyArrow converts at a time."""
 MOST_BYTES, MOST_TIMES = 400_000_000, 20
 """What a Parquet file may unpack to: so much, or so many times its size."""
-_NEED_CARE = (b"\0", b'"')
-"""NUL is no text, and the two parsers of CSV read quotes differently."""
+_QUOTED = re.compile(rb'(?:(?<=[,\n\r])|\A)"[^"\r\n]*"(?=[,\r\n]|\Z)')
+"""A cell in quotes that every parser of CSV reads alike."""
 _INDEX = re.compile(r"__index_level_\d+__")
 """The name that pandas gives the unnamed index of a data frame when it becomes a column."""
 _BEGINNINGS = {
@@ -73,59 +71,73 @@ class TextColumn(Sequence[str]):
         return np.asarray(found.fill_null(-1).to_numpy(), dtype=np.int64)
 
 
-def read_large_csv(path: Path, schema: Schema) -> Columns | None:
-    """The columns of a CSV file, several times quicker than row by row; None where a file needs the other parser.
+def plain_rows(data: bytes, before: int, header: Sequence[str], schema: Schema) -> Part | None:
+    """The columns of whole lines of CSV text, behind so many lines, several times quicker than row by row.
 
-    What is read here is what :mod:`.csv_rows` reads, bit for bit. Whatever that module might refuse is left to it, so
-    that the sentences for the user stand there alone. The file is read in pieces: its text is never in memory.
+    What is read here is what :mod:`.csv_rows` reads, bit for bit. Whatever that module might refuse is left to it
+    (None), so that the sentences for the user stand there alone.
     """
     import pyarrow as pa
 
+    if b'"' in data and b'"' in _QUOTED.sub(b"", data):
+        return None
     try:
-        return _csv_columns(path, schema)
-    except (pa.ArrowException, InputError, OSError, ValueError):
+        return _plain_rows(data, before, header, schema)
+    except pa.ArrowException:
         return None
 
 
-def _csv_columns(path: Path, schema: Schema) -> Columns | None:
+def _plain_rows(data: bytes, before: int, header: Sequence[str], schema: Schema) -> Part | None:
     import pyarrow as pa
     from pyarrow import csv
 
-    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
-        if any(data.find(mark) >= 0 for mark in _NEED_CARE):
-            return None
-    with path.open(encoding="utf-8-sig", newline="") as text:
-        lines = CsvLines(path, text)
-        header, line = lines.header(schema), lines.line
     names = [str(i) for i in range(len(header))]
     numbers = {name: str(header.index(name)) for name in schema.numbers_in(header)}
     texts = {name: str(header.index(name)) for name in schema.texts_in(header)}
     types = dict.fromkeys(numbers.values(), pa.float64()) | dict.fromkeys(texts.values(), pa.string())
-    reading = csv.ReadOptions(use_threads=False, block_size=_PIECE, skip_rows=line, column_names=names)
+    reading = csv.ReadOptions(use_threads=False, block_size=_PIECE, column_names=names)
     converting = csv.ConvertOptions(column_types=types, include_columns=list(types), null_values=[])
-    with csv.open_csv(path, reading, convert_options=converting) as batches:
-        table = batches.read_all()
+    table = csv.read_csv(pa.BufferReader(data), reading, convert_options=converting)
     found = {name: table[place].to_numpy() for name, place in numbers.items()}
     columns = {name: _trimmed(table[place]) for name, place in texts.items()}
     if not all((np.abs(values) < MOST_FINITE).all() for values in found.values()):
         return None
-    if table.num_rows == 0 or any(
+    if any(
         _first_empty(column) is not None or _first_obeyed(column) is not None for column in columns.values()
     ):
         return None
     held = {name: TextColumn(column) for name, column in columns.items()}
-    return Columns(header, found, dict(held), table.num_rows, _line_of_row(path, line))
+    return Part(found, held, _lines_of_rows(data, before, table.num_rows))
 
 
-def _line_of_row(path: Path, header_line: int) -> Callable[[int], int]:
-    """The line of each row of a file without quotes, needed for messages only: the file is then read again."""
+def _lines_of_rows(data: bytes, before: int, rows: int) -> Sequence[int]:
+    """The line of each row; those that are empty are none."""
+    if rows == line_ends(data) + (data[-1:] not in b"\r\n"):
+        return range(before + 1, before + 1 + rows)
+    lines = lines_of(data.decode())
+    return [before + at for at, line in enumerate(lines, 1) if line]
 
-    @cache
-    def lines() -> list[int]:
-        with path.open(encoding="utf-8-sig") as text:
-            return [at for at, line in enumerate(text, 1) if at > header_line and line.strip()]
 
-    return lambda row: lines()[row]
+def joined(columns: Sequence[Sequence[str]]) -> Sequence[str]:
+    """Texts behind one another: a list where all are lists."""
+    if not any(isinstance(column, TextColumn) for column in columns):
+        return [text for column in columns for text in column]
+    import pyarrow as pa
+
+    return TextColumn(
+        pa.chunked_array([c for column in columns for c in to_column(column).column.chunks], pa.string())
+    )
+
+
+def to_column(texts: Sequence[str]) -> TextColumn:
+    """Texts in PyArrow's memory."""
+    import pyarrow as pa
+
+    return (
+        texts
+        if isinstance(texts, TextColumn)
+        else TextColumn(pa.chunked_array([pa.array(texts, pa.string())]))
+    )
 
 
 def _trimmed(column: Any) -> Any:

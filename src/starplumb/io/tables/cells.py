@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,6 +35,15 @@ class Columns:
     rows: int
     row_number: Callable[[int], int]
     left_out: int = 0
+
+
+@dataclass(frozen=True)
+class Part:
+    """Consecutive rows of a text file: columns that are read, and the line of each row."""
+
+    numbers: Mapping[str, Array]
+    texts: Mapping[str, Sequence[str]]
+    line: Sequence[int]
 
 
 def none_kept(name: str, schema: Schema) -> InputError:

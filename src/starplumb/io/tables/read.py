@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...physics.errors import EpochError, InputError
-from .arrow import TextColumn, binary_format, columns_of_table, read_binary, read_large_csv, table_of
+from .arrow import TextColumn, binary_format, columns_of_table, read_binary, table_of
 from .cells import Array, Columns, as_found, found_error
-from .csv_rows import MOST_TABLE, read_rows, require_header
+from .csv_tables import MOST_TABLE, read_csv
 from .declared import UNDECLARED, Declared, Times
 from .schema import Schema
 
@@ -27,9 +27,6 @@ Epochs = NDArray[np.int64]
 
 TABLE_SUFFIXES = (".csv", ".parquet", ".arrow", ".feather")
 """Endings of tables; a file's format is recognised by its content."""
-
-LARGE = 1 << 22
-"""Bytes of a CSV file from which reading it by PyArrow saves more than the import of PyArrow costs (0.1 s)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -239,10 +236,4 @@ def _columns(source: TableSource, schema: Schema, most: int) -> Columns:
         return columns_of_table(str(source), source.table, schema)
     if (kind := binary_format(source)) is not None:
         return columns_of_table(str(source), read_binary(source, kind), schema)
-    require_header(source, schema)
-    large = (
-        source.is_file()
-        and LARGE <= source.stat().st_size <= most
-        and not (schema.keep or schema.stamps or schema.separator != "," or schema.decimal != ".")
-    )
-    return (read_large_csv(source, schema) if large else None) or read_rows(source, schema, most)
+    return read_csv(source, schema, most)

@@ -139,16 +139,24 @@ def read_text(path: Path, most: int = MOST_TEXT, most_lines: int | None = MOST_L
     data = read_bytes(path, most)
     if most_lines is not None and max(data.count(b"\n"), data.count(b"\r")) > most_lines:
         raise InputError(f"{path}: found more than {most_lines:,} lines, wanted fewer")
+    return decoded(path, data)
+
+
+def decoded(path: Path, data: bytes, before: int = 0) -> str:
+    """The text that bytes of a file are, behind so many lines, a byte-order mark taken off.
+
+    Raises InputError for UTF-16, NUL and bytes that are not UTF-8.
+    """
     if data.startswith(_SQLITE):
         raise InputError(f"{path}: found an SQLite database, as archives are, wanted UTF-8 text")
-    if (encoding := _wide_encoding(data)) is not None:
+    if not before and (encoding := _wide_encoding(data)) is not None:
         raise InputError(f"{path}: found {encoding} text, wanted UTF-8")
     if (at := data.find(0)) >= 0:
-        raise InputError(f"{path}, line {_line(data, at)}: found a NUL byte, wanted UTF-8 text")
+        raise InputError(f"{path}, line {before + _line(data, at)}: found a NUL byte, wanted UTF-8 text")
     try:
-        return data.decode("utf-8-sig")
+        return data.decode("utf-8" if before else "utf-8-sig")
     except UnicodeDecodeError as error:
-        where, byte = _line(data, error.start), data[error.start]
+        where, byte = before + _line(data, error.start), data[error.start]
         raise InputError(f"{path}, line {where}: found the byte 0x{byte:02X}, wanted UTF-8 text") from None
 
 

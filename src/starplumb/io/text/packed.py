@@ -7,12 +7,16 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Iterator
+from io import BytesIO
+from typing import BinaryIO
 
 from ...physics.errors import InputError
 
 _GZIP, _COMPRESS = b"\x1f\x8b", b"\x1f\x9d"
 _CLEAR = 256
 _FIRST_BITS = 9
+STEP = 1 << 22
+"""Bytes that are unpacked at a time."""
 
 
 def is_packed(data: bytes) -> bool:
@@ -27,18 +31,35 @@ def unpacked(name: str, data: bytes, most: int) -> bytes:
     """
     if not is_packed(data):
         return data
-    content = beginning(name, data, most + 1, whole=True)
+    content = _joined(unpacked_pieces(name, BytesIO(data)), most + 1)
     if len(content) > most:
-        raise InputError(f"{name}: found a packed file of more than {most:,} bytes, wanted fewer")
+        raise too_large(name, most)
     return content
 
 
-def beginning(name: str, data: bytes, most: int, *, whole: bool = False) -> bytes:
-    """The first ``most`` bytes of what is packed; ``whole`` False: ``data`` may end anywhere."""
+def too_large(name: str, most: int) -> InputError:
+    """The sentence about a packed file that grows beyond ``most`` bytes."""
+    return InputError(f"{name}: found a packed file of more than {most:,} bytes, wanted fewer")
+
+
+def beginning(name: str, data: bytes, most: int) -> bytes:
+    """The first ``most`` bytes of what a file holds whose first bytes are ``data``."""
+    return (
+        _joined(unpacked_pieces(name, BytesIO(data), whole=False), most) if is_packed(data) else data[:most]
+    )
+
+
+def unpacked_pieces(name: str, file: BinaryIO, *, whole: bool = True) -> Iterator[bytes]:
+    """What a packed file holds, some bytes at a time; ``whole`` False: the file may end anywhere.
+
+    Raises InputError where it is damaged.
+    """
+    head = file.read(STEP)
     try:
-        if data.startswith(_COMPRESS):
-            return _joined(_compressed(data), most)
-        return _joined(_gzipped(data, most, whole), most) if data.startswith(_GZIP) else data[:most]
+        if head.startswith(_GZIP):
+            yield from _gzipped(head, file, whole)
+        else:
+            yield from _compressed(head + file.read())
     except (zlib.error, ValueError) as error:
         raise InputError(f"{name}: found a damaged packed file ({error}), wanted a whole one") from None
 
@@ -52,14 +73,26 @@ def _joined(pieces: Iterator[bytes], most: int) -> bytes:
     return bytes(content[:most])
 
 
-def _gzipped(data: bytes, most: int, whole: bool) -> Iterator[bytes]:
-    """The members of a gzip file, one behind the other, each up to ``most`` bytes."""
+def _gzipped(data: bytes, file: BinaryIO, whole: bool) -> Iterator[bytes]:
+    """The members of a gzip file, one behind the other."""
     while data.startswith(_GZIP):
         member = zlib.decompressobj(wbits=31)
-        yield member.decompress(data, most)
-        if not member.eof and not member.unconsumed_tail and whole:
-            raise ValueError("it breaks off")
+        while True:
+            piece = member.decompress(data, STEP)
+            yield piece
+            if member.eof:
+                break
+            data = member.unconsumed_tail
+            if data or len(piece) == STEP:  # it may hold back more of what it has read
+                continue
+            data = file.read(STEP)
+            if not data and whole:
+                raise ValueError("it breaks off")
+            if not data:
+                return
         data = member.unused_data
+        if len(data) < len(_GZIP):
+            data += file.read(STEP)
 
 
 def _compressed(data: bytes) -> Iterator[bytes]:

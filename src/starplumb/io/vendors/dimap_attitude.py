@@ -14,6 +14,7 @@ from ..text.values import UNIT_TOLERANCE
 
 _SAMPLES_PER_SCALE = 32
 """Quaternions sampled per unit of the polynomial's scaled time; the cubic through four of them leaves nothing."""
+_DAY_S = 86_400.0
 _DAY_NS = 86_400 * 10**9
 _REACH = 10.0
 _MOST_OFFSET_S = 1e6
@@ -41,12 +42,16 @@ def sampled_polynomial(polynomial: Node, scaling: Node, start_ns: int, end_ns: i
     Sampled over s = -1 .. 1, for which they were made, and over the image from ``start_ns`` to ``end_ns``.
     """
     coefficients = [polynomial.need(f"Q{i}/COEFFICIENTS").numbers() for i in range(4)]
-    scale = scaling.need("SCALE").positive()
-    middle_ns = _nearest_day(scaling.need("OFFSET"), start_ns, end_ns)
+    scale, offset = scaling.need("SCALE").positive(), scaling.need("OFFSET")
+    if scale > _DAY_S:
+        raise scaling.need("SCALE").error(f"{scale:g} s", "half the duration of the attitude, s")
+    if abs(offset.number()) > 2.0 * _DAY_S:
+        raise offset.error(show(offset.text), "seconds of the UTC day")
+    middle_ns = _nearest_day(offset, start_ns, end_ns)
     image = (np.array([start_ns, end_ns]) - middle_ns) * 1e-9 / scale
     if np.abs(image).max() > _REACH:
-        found = f"{show(scaling.need('OFFSET').text)} s of the day, {np.abs(image).max() * scale:.6g} s from the image"
-        raise scaling.need("OFFSET").error(found, "the middle of the attitude in seconds of the UTC day")
+        found = f"{show(offset.text)} s of the day, {np.abs(image).max() * scale:.6g} s from the image"
+        raise offset.error(found, "the middle of the attitude in seconds of the UTC day")
     first, last = min(-1.0, image[0]), max(1.0, image[1])
     s = np.linspace(first, last, int(np.ceil((last - first) * _SAMPLES_PER_SCALE)) + 1)
     q = np.stack([np.polynomial.polynomial.polyval(s, c) for c in coefficients], axis=-1).astype(np.float64)
