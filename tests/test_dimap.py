@@ -544,7 +544,7 @@ BAD: list[tuple[Callable[[], str], tuple[str, str], str]] = [
     (delivered, ("<SCALE>1.0<", "<SCALE>0<"), 'SCALE: found "0", wanted a positive number'),
     (delivered, ("<OFFSET>43200.5<", "<OFFSET>432.5<"), "OFFSET: found .* s from the image"),
     (
-        production,
+        delivered,
         ("<OFFSET>43200.5<", "<OFFSET>3.4e38<"),
         'OFFSET: found "3.4e38", wanted seconds of the UTC day',
     ),

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ...physics.errors import InputError
 from ..text.files import composed, lines_of, show, trouble
 from ..text.numbers import MOST_FINITE
-from ..text.visible import IN_NAME
+from ..text.visible import IN_NAME, OBEYED
 from .cells import NUMBER, PRINTABLE, Array, Columns, Part, cell_error, none_kept, to_numbers
 from .pieces import line_ends
 from .schema import Schema
@@ -27,6 +27,7 @@ MOST_BYTES, MOST_TIMES = 400_000_000, 20
 """What a Parquet file may unpack to: so much, or so many times its size."""
 _QUOTED = re.compile(rb'(?:(?<=[,\n\r])|\A)"[^"\r\n]*"(?=[,\r\n]|\Z)')
 """A cell in quotes that every parser of CSV reads alike."""
+_OBEYED = bytes(code for code in OBEYED if code < 0x80 and code != ord("\r"))
 _INDEX = re.compile(r"__index_level_\d+__")
 """The name that pandas gives the unnamed index of a data frame when it becomes a column."""
 _BEGINNINGS = {
@@ -102,9 +103,10 @@ def _plain_rows(data: bytes, before: int, header: Sequence[str], schema: Schema)
     columns = {name: _trimmed(table[place]) for name, place in texts.items()}
     if not all((np.abs(values) < MOST_FINITE).all() for values in found.values()):
         return None
-    if any(
-        _first_empty(column) is not None or _first_obeyed(column) is not None for column in columns.values()
-    ):
+    if any(_first_empty(column) is not None for column in columns.values()):
+        return None
+    harmless = data.isascii() and len(data.translate(None, _OBEYED)) == len(data)
+    if not harmless and any(_first_obeyed(column) is not None for column in columns.values()):
         return None
     held = {name: TextColumn(column) for name, column in columns.items()}
     return Part(found, held, _lines_of_rows(data, before, table.num_rows))
