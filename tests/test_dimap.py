@@ -543,11 +543,6 @@ BAD: list[tuple[Callable[[], str], tuple[str, str], str]] = [
     (delivered, ("12:00:03Z", "12:00:02Z"), r"Point\[9\]: found a time not later"),
     (delivered, ("<SCALE>1.0<", "<SCALE>0<"), 'SCALE: found "0", wanted a positive number'),
     (delivered, ("<OFFSET>43200.5<", "<OFFSET>432.5<"), "OFFSET: found .* s from the image"),
-    (
-        delivered,
-        ("<OFFSET>43200.5<", "<OFFSET>3.4e38<"),
-        'OFFSET: found "3.4e38", wanted seconds of the UTC day',
-    ),
     (delivered, ("<SCALE>1.0<", "<SCALE>9e11<"), "SCALE: found 9e[+]11 s, wanted half the duration"),
     (delivered, ("<COEFFICIENTS>0.7071067811865476", "<COEFFICIENTS>0.3"), "found a quaternion of norm 0.76"),
     (delivered, ("<XLOS_1>1e-05<", "<XLOS_1>0<"), "look directions that do not turn"),

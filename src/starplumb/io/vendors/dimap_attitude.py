@@ -45,8 +45,6 @@ def sampled_polynomial(polynomial: Node, scaling: Node, start_ns: int, end_ns: i
     scale, offset = scaling.need("SCALE").positive(), scaling.need("OFFSET")
     if scale > _DAY_S:
         raise scaling.need("SCALE").error(f"{scale:g} s", "half the duration of the attitude, s")
-    if abs(offset.number()) > 2.0 * _DAY_S:
-        raise offset.error(show(offset.text), "seconds of the UTC day")
     middle_ns = _nearest_day(offset, start_ns, end_ns)
     image = (np.array([start_ns, end_ns]) - middle_ns) * 1e-9 / scale
     if np.abs(image).max() > _REACH:
