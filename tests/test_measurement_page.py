@@ -202,3 +202,15 @@ def test_a_flat_picture_is_a_picture():
     flat = opened(shades(np.full((4, 5), 7.0, dtype=np.float32)))
     assert flat.shape == (4, 5, 4)
     assert re.match("data:", signed(np.zeros((3, 3), dtype=np.float32)))
+
+
+def test_a_landmark_of_several_images_has_a_picture_of_each(rng):
+    document = measured(rng, 1)
+    first, second = document["candidates"]
+    assert first["image_id"] != second["image_id"]
+    second["landmark_id"] = first["landmark_id"] = "tower"
+    shown = list(pictures(document, rng))
+    text = measurement_page(document, shown)
+    for picture in shown:
+        assert shades(picture.window) in text
+    assert "tower in image02" in text

@@ -10,13 +10,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from lights import write_lights
 from on_disk import write_world
 from world import world
 
 from command import starplumb
 from starplumb.imagery.chain import Wanted, measure_images
 from starplumb.imagery.search import Found
+from starplumb.imagery.targets import chain as targets_chain
+from starplumb.imagery.targets.measuring import targets_of
 from starplumb.io.imagery.kept import KeptImages, packed, unpacked
+from starplumb.session.imagery.measuring import measure_watched
 
 PIXEL = 9e-6 / 2.2
 SMALL = Wanted(grid=(2, 2))
@@ -62,6 +66,30 @@ def test_finished_images_are_not_measured_again_and_the_answer_is_the_same_to_th
     note.write_text("a user's")
     kept.remove()
     assert [path.name for path in note.parent.iterdir()] == ["mine.txt"]
+
+
+def test_targets_of_finished_images_are_not_looked_for_again(tmp_path, rng, monkeypatch):
+    write_lights(tmp_path, rng, 60, 3.0, images=2, size=70)
+    settings, out = tmp_path / "campaign.toml", tmp_path / "out"
+    whole = measure_watched(settings, lambda done, total: None)
+    looked = []
+
+    def counted(*arguments):
+        looked.append(arguments)
+        return targets_of(*arguments)
+
+    def interrupted(done, total):
+        assert (done, total) == (1, 2)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(targets_chain, "targets_of", counted)
+    with pytest.raises(KeyboardInterrupt):
+        measure_watched(settings, interrupted, out)
+    again = measure_watched(settings, lambda done, total: None, out)
+    assert len(looked) == 2
+    assert again.document == whole.document
+    again.save(out, report=False)
+    assert not (tmp_path / "out.unfinished").exists()
 
 
 def test_what_is_kept_comes_back_as_it_was(rng):

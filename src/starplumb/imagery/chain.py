@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,7 @@ from .search import Found, refine
 from .verdicts import Brightness, Candidate, Verdict
 
 Array = NDArray[np.float64]
+T = TypeVar("T")
 
 TOLERANCE_PX = 0.75
 """Chips of an image agree within this before their sigmas are asked."""
@@ -103,14 +104,21 @@ def measure_images(
     explanation = Explanation(scene, acquired, mounting_K, own_K)
     each = wanted.grid[0] * wanted.grid[1]
     for image in range(len(scene.raws)):
-        name = f"image{image:05d}"
-        measured = None if memory is None else memory.recall(name)
-        if measured is None:
-            measured = _measured(scene, explanation, image, wanted, partial(_told_of, tell, image * each))
-            if memory is not None:
-                memory.keep(name, measured)
+        hears = partial(_told_of, tell, image * each)
+        measured = remembered(memory, image, partial(_measured, scene, explanation, image, wanted, hears))
         tell((image + 1) * each)
         yield measured
+
+
+def remembered(memory: Memory | None, image: int, made: Callable[[], T]) -> T:
+    """What a memory recalls of an image, else what is made, which it then keeps."""
+    name = f"image{image:05d}"
+    found: T | None = None if memory is None else memory.recall(name)
+    if found is None:
+        found = made()
+        if memory is not None:
+            memory.keep(name, found)
+    return found
 
 
 def _told_of(tell: Tell, before: int, done: int) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +18,7 @@ from ...table.appearance import Seen, appearance
 from ...table.campaign import Campaign
 from ...table.geometry import project
 from ..acquisition import REACH
-from ..chain import MeasuredImage, Wanted, sigma_in_camera, told
+from ..chain import MeasuredImage, Memory, Wanted, remembered, sigma_in_camera, told
 from ..chips import Chip
 from ..pictures import Picture
 from ..scene import Raw
@@ -60,15 +61,20 @@ class TargetScene:
 
 
 def measure_targets(
-    scene: TargetScene, covariance_E: Array, own_E: Array, wanted: Wanted, tell: Tell = lambda done: None
+    scene: TargetScene,
+    covariance_E: Array,
+    own_E: Array,
+    wanted: Wanted,
+    tell: Tell = lambda done: None,
+    memory: Memory | None = None,
 ) -> Targets:
     """The targets of all images; ``covariance_E`` and ``own_E`` (3, 3) as of :func:`measure_images`; ``tell`` hears how
-    many images are done."""
+    many images are done; what ``memory`` recalls is not measured again."""
     C_EK = scene.campaign.C_EK
     sigma_K = np.hypot(sigma_in_camera(C_EK, covariance_E), sigma_in_camera(C_EK, own_E))
     seen = []
     for image in range(len(scene.raws)):
-        seen.append(_Seen.of(scene, image, sigma_K))
+        seen.append(remembered(memory, image, partial(SeenTargets.of, scene, image, sigma_K)))
         tell(image + 1)
     labelled = any(one.pairs for one in seen) and not any(one.ambiguous for one in seen)
     images = tuple(one.measured(scene, labelled, sigma_K, wanted) for one in seen)
@@ -76,7 +82,7 @@ def measure_targets(
 
 
 @dataclass(frozen=True)
-class _Seen:
+class SeenTargets:
     """An image: what stands out in it, where its landmarks are expected, pairs of both within reach, and whether one
     has several."""
 
@@ -91,7 +97,7 @@ class _Seen:
     reason: str = ""
 
     @classmethod
-    def of(cls, scene: TargetScene, image: int, sigma_K: Array) -> _Seen:
+    def of(cls, scene: TargetScene, image: int, sigma_K: Array) -> SeenTargets:
         from ...physics.errors import InputError
 
         landmark, expected, reach = _expected(scene, image, sigma_K)

@@ -17,9 +17,18 @@ from ...imagery.chain import MeasuredImage
 from ...imagery.chips import Chip
 from ...imagery.pictures import Picture
 from ...imagery.search import Found
+from ...imagery.targets.chain import SeenTargets
+from ...imagery.targets.fit import Fit, Noise
+from ...imagery.targets.measuring import Target
 from ...imagery.verdicts import Candidate, Verdict
 
-KINDS = {kind.__name__: kind for kind in (Acquisition, Peak, MeasuredImage, Found, Chip, Candidate, Picture)}
+KINDS = {
+    kind.__name__: kind
+    for kind in (
+        *(Acquisition, Peak, MeasuredImage, Found, Chip, Candidate, Picture),
+        *(SeenTargets, Target, Fit, Noise),
+    )
+}
 LAYOUT = "layout"
 """The array of a file that says, as JSON, which of the others stands where."""
 ENDING = ".unfinished"

@@ -31,7 +31,7 @@ REFUSED = (
 def measurement_page(document: Document, pictures: Sequence[Picture]) -> str:
     """``measure.html`` of a ``measure.json`` and the pictures of its chips; the same input gives the same text."""
     badge, tone = _verdict(document)
-    shown = list(_shown(document, {picture.landmark_id: picture for picture in pictures}))
+    shown = list(_shown(document, {(p.image_id, p.landmark_id): p for p in pictures}))
     page = Page(
         title=f"Chips measured: {document['campaign']}",
         summary=_summary(document),
@@ -136,7 +136,7 @@ def _fit(document: Document) -> tuple[str, ...]:
     )
 
 
-def _shown(document: Document, pictures: Mapping[str, Picture]) -> Iterator[tuple[Part, Picture]]:
+def _shown(document: Document, pictures: Mapping[tuple[str, str], Picture]) -> Iterator[tuple[Part, Picture]]:
     """Chips that have a picture, in the order of importance."""
     order = {verdict: k for k, verdict in enumerate((*REFUSED, Verdict.USED))}
 
@@ -145,8 +145,8 @@ def _shown(document: Document, pictures: Mapping[str, Picture]) -> Iterator[tupl
         return order.get(c["verdict"], -1), -off
 
     for c in sorted(document["candidates"], key=weight):
-        if c["landmark_id"] in pictures:
-            yield c, pictures[c["landmark_id"]]
+        if (key := (c["image_id"], c["landmark_id"])) in pictures:
+            yield c, pictures[key]
 
 
 def _cards(document: Document, shown: list[tuple[Part, Picture]]) -> Iterator[Section]:
@@ -175,9 +175,9 @@ _MEANS: Mapping[str, tuple[str, ...]] = {
 
 
 def _card(c: Part, picture: Picture) -> Card:
-    at = f"Column {c['column_px']:.1f}, row {c['row_px']:.1f}"
+    at, name = f"Column {c['column_px']:.1f}, row {c['row_px']:.1f}", c["landmark_id"]
     return Card(
-        title=c["landmark_id"],
+        title=name if name.startswith(c["image_id"]) else f"{name} in {c['image_id']}",
         word=c["role"] or c["verdict"],
         sentence=f"{at}. {_told(c)}",
         panels=tuple(_panels(picture)),

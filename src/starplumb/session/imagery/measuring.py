@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -55,14 +56,15 @@ def measure_watched(path: Path, tell: Tell, out: Path | None = None) -> Measurem
             "it says how far to search"
         )
     if config.reference.kind == "points":
-        return measure_targets_of(path, _with_inputs(loaded, _raw_files(loaded)), prior_E, _own(loaded), tell)
+        loaded = _with_inputs(loaded, _raw_files(loaded))
+        return measure_targets_of(path, loaded, prior_E, _own(loaded), tell, partial(_kept, out))
     if config.reference.kind == "chips":
         loaded, scene = open_library(str(path), _with_inputs(loaded, _raw_files(loaded)))
     else:
         scene = open_scene(str(path), loaded.campaign, loaded.folder, config.imagery, config.reference)
         loaded = _with_inputs(loaded, [*_raw_files(loaded), *_reference_files(path, loaded)])
     wanted = Wanted(config.measure.chip_px, config.measure.grid, config.measure.check_share)
-    kept = None if out is None else KeptImages.beside(out, _about(loaded))
+    kept = _kept(out, loaded)
     total = len(scene.raws) * wanted.grid[0] * wanted.grid[1]
     images = measure_images(scene, prior_E, _own(loaded), wanted, lambda done: tell(done, total), kept)
     return Measurement(path, loaded, scene, tuple(images), kept)
@@ -98,9 +100,11 @@ def _with_inputs(loaded: LoadedImages, further: Sequence[Path]) -> LoadedImages:
     return replace(loaded, inputs=loaded.inputs | inputs, sources=(*loaded.sources, *further))
 
 
-def _about(loaded: LoadedImages) -> str:
-    """All that the images of a measurement depend on: what is read, and the program."""
-    return json.dumps([__version__, loaded.inputs], sort_keys=True)
+def _kept(out: Path | None, loaded: LoadedImages) -> KeptImages | None:
+    """Where finished images are kept, by all that they depend on: what is read, and the program."""
+    if out is None:
+        return None
+    return KeptImages.beside(out, json.dumps([__version__, loaded.inputs], sort_keys=True))
 
 
 def _relative(path: Path, folder: Path) -> str:

@@ -19,6 +19,7 @@ from ...io.campaign.read import LoadedImages
 from ...io.campaign.table_config import LandmarksConfig
 from ...io.campaign.write import landmarks_text
 from ...io.imagery.config import ImageryConfig, ReferenceConfig
+from ...io.imagery.kept import KeptImages
 from ...io.imagery.scene import open_raws
 from ...io.text.files import fingerprint
 from .measurement import Measurement
@@ -77,9 +78,15 @@ class TargetMeasurement(Measurement):
 
 
 def measure_targets_of(
-    path: Path, loaded: LoadedImages, prior_E: Array, own_E: Array, tell: Callable[[int, int], None]
+    path: Path,
+    loaded: LoadedImages,
+    prior_E: Array,
+    own_E: Array,
+    tell: Callable[[int, int], None],
+    keep: Callable[[LoadedImages], KeptImages | None] = lambda loaded: None,
 ) -> TargetMeasurement:
-    """The targets of a campaign with [reference] kind = "points"."""
+    """The targets of a campaign with [reference] kind = "points"; ``keep`` says where finished images of one that is
+    read are kept."""
     config = loaded.config
     assert config.imagery is not None
     assert config.reference is not None
@@ -97,9 +104,9 @@ def measure_targets_of(
     )
     scene = target_scene(str(path), loaded, config.imagery, config.reference)
     wanted = Wanted(check_share=config.measure.check_share)
-    total = len(scene.raws)
-    found = measure_targets(scene, prior_E, own_E, wanted, lambda done: tell(done, total))
-    return TargetMeasurement(path, loaded, scene, found.images, targets=found)
+    total, kept = len(scene.raws), keep(loaded)
+    found = measure_targets(scene, prior_E, own_E, wanted, lambda done: tell(done, total), kept)
+    return TargetMeasurement(path, loaded, scene, found.images, kept, found)
 
 
 def target_scene(
