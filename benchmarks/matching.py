@@ -5,8 +5,8 @@
 Set OPENBLAS_NUM_THREADS=1.  Chips of 48 px of drawn ground (`starplumb.imagery.drawn`), each of its own ground, where
 of nine places of a cell there is most structure, as `measure` chooses them; the reference turned, with its own pixels'
 phase and noise (SNR 100), and predicted with errors of shape of 0.3 % and up to half a pixel of place.  Nothing was
-tuned on this ground.  The bound is Cramer-Rao's for the window's white noise, with affine and radiometry unknown as the
-match has them; under cloud, season or another band it cannot be reached.
+tuned on this ground.  The bound is Cramer-Rao's at the place that is told, for the window's white noise, with affine and
+radiometry unknown as the match has them; under cloud, season or another band it cannot be reached.
 """
 
 from __future__ import annotations
@@ -92,8 +92,30 @@ def seen(ground, look, C, middle, size, psf):
     )
 
 
+@dataclass(frozen=True)
+class Drawn:
+    """A window with its rim, the piece of the reference predicted for it, where its middle really lies from the
+    window's, ``away`` (2,), and how it is distorted, ``shape`` (2, 2); the bound (6, 6) of place and shape."""
+
+    window: np.ndarray
+    piece: Piece
+    away: np.ndarray
+    shape: np.ndarray
+    bound: np.ndarray
+
+    def error(self, found):
+        """How far a match (2,) lies from where its point is."""
+        return found.place_px - 0.5 * (CHIP - 1) - self.away - self.shape @ found.point_px
+
+    def least(self, found):
+        """The bound (2, 2) at the place that is told."""
+        x = found.place_px - 0.5 * (CHIP - 1)
+        at = np.concatenate([np.eye(2), np.kron(np.eye(2), x)], axis=1)
+        return at @ self.bound @ at.T
+
+
 def chip(rng, hard):
-    """A window with its rim, the piece of the reference predicted for it, the true place and the bound (2, 2)."""
+    """A chip of its own ground."""
     ground = Ground(int(rng.integers(1 << 30)), 1.0)
     look = Look(hard.season, hard.changed, hard.band, int(rng.integers(1 << 20)))
     size = CHIP + 2 * RIM_PX
@@ -110,7 +132,8 @@ def chip(rng, hard):
     away = rng.uniform(-0.5, 0.5, 2)
     gx = 0.5 * (clean[1:-1, 2:] - clean[1:-1, :-2])[e:-e, e:-e]
     gy = 0.5 * (clean[2:, 1:-1] - clean[:-2, 1:-1])[e:-e, e:-e]
-    return window, piece(rng, ground, hard, middle + away), away, bound(inner[e:-e, e:-e], gx, gy, hard.snr)
+    predicted, shape = piece(rng, ground, hard, middle + away)
+    return Drawn(window, predicted, away, shape, bound(inner[e:-e, e:-e], gx, gy, hard.snr))
 
 
 def chosen(rng, ground, look):
@@ -124,7 +147,7 @@ def chosen(rng, ground, look):
 
 
 def piece(rng, ground, hard, centre):
-    """The reference around a place, from an orthoimage with pixels of its own."""
+    """The reference around a place, from an orthoimage with pixels of its own, and its error of shape (2, 2)."""
     turn = rng.uniform(0.0, 2.0 * np.pi)
     C = hard.coarse * np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
     reach = CHIP + 2 * MARGIN
@@ -135,7 +158,9 @@ def piece(rng, ground, hard, centre):
     shape = np.eye(2) + rng.normal(0.0, 0.003, (2, 2))
     x, y = np.meshgrid(square(2 * reach - 1, STEP_PX), square(2 * reach - 1, STEP_PX))
     at = np.stack([x, y], axis=-1) @ shape.T @ np.linalg.inv(C).T - phase + 0.5 * (size - 1)
-    return Piece(map_coordinates(ortho, [at[..., 1], at[..., 0]], order=3, mode="mirror"), STEP_PX, centre)
+    return Piece(
+        map_coordinates(ortho, [at[..., 1], at[..., 0]], order=3, mode="mirror"), STEP_PX, centre
+    ), shape
 
 
 def bound(T, gx, gy, snr):
@@ -143,7 +168,7 @@ def bound(T, gx, gy, snr):
     J = np.stack([gx, gy, gx * x, gx * y, gy * x, gy * y, T - T.mean(), np.ones_like(T)], axis=-1)
     prior = np.diag([0.0, 0.0, *[SHAPE**-2] * 4, 0.0, 0.0])
     J = J.reshape(-1, 8)
-    return np.linalg.inv(snr**2 * J.T @ J + prior)[:2, :2]
+    return np.linalg.inv(snr**2 * J.T @ J + prior)[:6, :6]
 
 
 def whitened(covariance, error):
@@ -153,16 +178,16 @@ def whitened(covariance, error):
 def row(name, hard, trials, rng):
     errors, over_bound, over_sigma, spent = [], [], [], 0.0
     for _ in range(trials):
-        window, predicted, away, least = chip(rng, hard)
+        drawn = chip(rng, hard)
         began = time.process_time()
-        peak, _ = looked_for(predicted, window)
-        found, _ = matched(predicted, window, peak)
+        peak, _ = looked_for(drawn.piece, drawn.window)
+        found, _ = matched(drawn.piece, drawn.window, peak)
         spent += time.process_time() - began
         if found is None or unlikely(found, peak) is not None:
             continue
-        error = found.place_px - 0.5 * (CHIP - 1) - away
+        error = drawn.error(found)
         errors.append(error)
-        over_bound.append(whitened(least, error))
+        over_bound.append(whitened(drawn.least(found), error))
         over_sigma.append(whitened(found.covariance_px2, error))
     e = np.array(errors)
     robust, rms = (lambda a: 1.4826 * np.median(np.abs(a))), (lambda a: np.sqrt(np.mean(np.square(a))))

@@ -174,7 +174,9 @@ def test_cloud_is_told_from_a_bright_field_by_the_values_of_its_image(rng):
 def found_with(agreement=0.9, kept=0.9, sigma=0.02, place=(23.5, 23.5)):
     none = np.zeros((48, 48))
     covariance = np.diag([sigma**2, 1e-4])
-    return Match(np.array(place), covariance, np.zeros((2, 2)), 1.0, 0.0, agreement, kept, none, none)
+    return Match(
+        np.array(place), np.zeros(2), covariance, np.zeros((2, 2)), 1.0, 0.0, agreement, kept, none, none
+    )
 
 
 @pytest.mark.parametrize(

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from blobs import Blobs, grid
 from scipy.optimize import least_squares as scipy_least_squares
+from scipy.optimize import minimize
 
 from starplumb.imagery.matching.contrast import Contrast
-from starplumb.imagery.matching.least_squares import SHAPE, match
+from starplumb.imagery.matching.least_squares import SHAPE, best_known, match
 from starplumb.imagery.matching.likeness import Layers, look_of
 from starplumb.imagery.matching.sandwich import inverted, long_run
 from starplumb.imagery.matching.template import Template
@@ -32,6 +33,11 @@ def window_of(ground, place, B=UNBENT, gain=1.0, offset=0.0, blur_px=0.0):
 
 
 CENTRE = 0.5 * (N - 1.0) * np.ones(2)
+
+
+def off(found, place, B=UNBENT):
+    """How far a match lies from where the point it tells is, in a window made by :func:`window_of`."""
+    return found.place_px - CENTRE - place - np.linalg.solve(np.eye(2) + B, found.point_px)
 
 
 def test_a_template_goes_through_its_samples_and_its_slopes_are_those_of_the_ground(rng):
@@ -59,7 +65,7 @@ def test_a_template_goes_through_its_samples_and_its_slopes_are_those_of_the_gro
 def test_a_window_without_noise_is_found_where_it_is(rng, place, B, gain, offset):
     ground = Blobs.draw(rng)
     found = match(template_of(ground), window_of(ground, place, B, gain, offset), CENTRE)
-    np.testing.assert_allclose(found.place_px - CENTRE, place, atol=1e-3)
+    np.testing.assert_allclose(off(found, place, B), 0.0, atol=1e-3)
     np.testing.assert_allclose(found.shape, B, atol=2e-4)
     assert found.gain == pytest.approx(gain, rel=2e-3)
     assert found.agreement == pytest.approx(np.sign(gain), abs=1e-3)
@@ -68,7 +74,7 @@ def test_a_window_without_noise_is_found_where_it_is(rng, place, B, gain, offset
 def test_the_search_may_begin_two_pixels_away(rng):
     ground = Blobs.draw(rng)
     found = match(template_of(ground), window_of(ground, (0.2, 0.1)), CENTRE + np.array([1.6, -1.3]))
-    np.testing.assert_allclose(found.place_px - CENTRE, (0.2, 0.1), atol=1e-3)
+    np.testing.assert_allclose(off(found, (0.2, 0.1)), 0.0, atol=1e-3)
 
 
 def test_with_noise_the_place_is_that_of_scipys_least_squares_on_the_ground_itself(rng):
@@ -81,11 +87,14 @@ def test_with_noise_the_place_is_that_of_scipys_least_squares_on_the_ground_itse
         return np.concatenate([((window - model) / 0.05).ravel(), p[2:6] / SHAPE])
 
     best = scipy_least_squares(left, [0.0] * 6 + [1.0, 0.0], x_scale=[0.1, 0.1, *[0.01] * 4, 1.0, 1.0])
-    apart = found.place_px - CENTRE - best.x[:2]
+    apart = off(found, best.x[:2], best.x[2:6].reshape(2, 2))
     # Tukey's weights lose 5 % of efficiency: a fifth of a sigma
     assert np.all(np.abs(apart) < 0.7 * np.sqrt(np.diag(found.covariance_px2)))
     J = best.jac
-    exact = np.sqrt(np.diag(np.linalg.inv(J.T @ J))[:2])
+    # a pixel x from the place moves by B x when B is changed, as it does when the place moves by -B x
+    x = found.place_px - CENTRE - best.x[:2]
+    at = np.concatenate([np.eye(2), -np.kron(np.eye(2), x)], axis=1)
+    exact = np.sqrt(np.diag(at @ np.linalg.inv(J.T @ J)[:6, :6] @ at.T))
     np.testing.assert_allclose(np.sqrt(np.diag(found.covariance_px2)), exact, rtol=0.35)
 
 
@@ -97,14 +106,15 @@ def errors_in(rng, trials, spoil):
         ground, place = Blobs.draw(rng), rng.uniform(-0.5, 0.5, 2)
         T = ground.on(N, 1.0, place)
         found = match(template_of(ground), spoil(T), CENTRE)
-        errors.append(found.place_px - CENTRE - place)
+        errors.append(off(found, place))
         covariances.append(found.covariance_px2)
         gx, gy = (
             -(ground.on(N, 1.0, place + h) - ground.on(N, 1.0, place - h)) / 2e-3 for h in 1e-3 * np.eye(2)
         )
         J = np.stack([gx, gy, gx * x, gx * y, gy * x, gy * y, T, np.ones((N, N))], axis=-1).reshape(-1, 8)
         prior = np.diag([0.0, 0.0, *[SHAPE**-2] * 4, 0.0, 0.0])
-        bounds.append(np.linalg.inv(J.T @ J / 0.1**2 + prior)[:2, :2])
+        at = np.concatenate([np.eye(2), np.kron(np.eye(2), found.place_px - CENTRE)], axis=1)
+        bounds.append(at @ np.linalg.inv(J.T @ J / 0.1**2 + prior)[:6, :6] @ at.T)
     return np.array(errors), np.array(covariances), np.array(bounds)
 
 
@@ -150,8 +160,37 @@ def test_what_lies_in_masked_pixels_does_not_matter(rng):
     first[:, :15], second[:, :15] = 100.0, np.nan
     one, other = (match(template_of(ground), each, CENTRE, use) for each in (first, second))
     np.testing.assert_array_equal(one.place_px, other.place_px)
-    np.testing.assert_allclose(one.place_px - CENTRE, (0.3, 0.1), atol=0.01)
+    np.testing.assert_allclose(off(one, (0.3, 0.1)), 0.0, atol=0.01)
     assert one.kept == pytest.approx(33 / 48, abs=0.05)
+
+
+def test_the_place_that_is_known_best_is_where_the_variance_of_what_is_told_is_least(rng):
+    root = rng.normal(size=(6, 6))
+    covariance = root @ root.T
+
+    def variance(x):
+        at = np.concatenate([np.eye(2), np.kron(np.eye(2), x)], axis=1)
+        return np.trace(at @ covariance @ at.T)
+
+    best = minimize(variance, np.zeros(2), tol=1e-10).x
+    np.testing.assert_allclose(best_known(covariance, np.full(2, 100.0)), best, atol=1e-5)
+    assert np.abs(best_known(covariance, np.full(2, 0.01))).max() == pytest.approx(0.01)
+
+
+def test_a_chip_half_under_cloud_is_told_where_it_is_seen_and_there_its_sigma_is_smaller(rng):
+    ground, B = Blobs.draw(rng), np.array([[0.01, 0.012], [-0.015, -0.01]])
+    window = window_of(ground, (0.3, 0.1), B) + rng.normal(0.0, 0.1, (N, N))
+    use = np.ones((N, N), bool)
+    use[:, 22:] = False
+    found = match(template_of(ground), window, CENTRE, use)
+    assert -18.0 < found.place_px[0] - CENTRE[0] < -8.0
+    assert np.all(np.abs(off(found, (0.3, 0.1), B)) < 4.0 * np.sqrt(np.diag(found.covariance_px2)))
+    # what it would say of its middle: B is known to some 0.3 %, which comes to 0.04 px there
+    x, y = grid(N)
+    gx, gy = (s[use] for s in ground.slopes(x - 0.3, y - 0.1))
+    J = np.stack([gx, gy, gx * x[use], gx * y[use], gy * x[use], gy * y[use]], axis=-1) / 0.1
+    middle = np.linalg.inv(J.T @ J + np.diag([0.0, 0.0, *[SHAPE**-2] * 4]))[:2, :2]
+    assert np.trace(found.covariance_px2) < 0.5 * np.trace(middle)
 
 
 def test_changed_ground_loses_its_weight(rng):
@@ -159,10 +198,7 @@ def test_changed_ground_loses_its_weight(rng):
     window = window_of(ground, (0.3, 0.1)) + rng.normal(0.0, 0.02, (N, N))
     window[10:20, 20:34] = 4.0 + rng.normal(0.0, 0.1, (10, 14))
     found = match(template_of(ground), window, CENTRE)
-    assert (
-        np.abs(found.place_px - CENTRE - (0.3, 0.1)).max()
-        < 5.0 * np.sqrt(np.diag(found.covariance_px2)).max()
-    )
+    assert np.abs(off(found, (0.3, 0.1))).max() < 5.0 * np.sqrt(np.diag(found.covariance_px2)).max()
     assert np.median(found.weight[10:20, 20:34]) == 0.0
 
 
@@ -210,7 +246,7 @@ def test_half_a_window_of_reversed_contrast_moves_nothing(rng):
     window = window_of(ground, place)
     shadowed = np.where(grid(N)[0] + 0.5 * grid(N)[1] < 4.0, window, 1.0 - 0.6 * window)
     found = match(template_of(ground), shadowed + rng.normal(0.0, 0.02, (N, N)), CENTRE)
-    error = found.place_px - CENTRE - place
+    error = off(found, place)
     assert np.abs(error).max() < 0.2
     assert np.all(np.abs(error) < 4.0 * np.sqrt(np.diag(found.covariance_px2)))
 

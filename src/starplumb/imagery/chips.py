@@ -113,18 +113,34 @@ def _chip(
         picture, candidate = _shown(picture, found), _measured(candidate, found)
         refused = unlikely(found, best)
         if refused is None:
-            away = found.place_px - 0.5 * (inner.shape[0] - 1.0)
-            placed = {"pixel": candidate.pixel + away, "covariance_px2": found.covariance_px2}
-            return Chip(replace(candidate, verdict=Verdict.USED, **placed), picture)
+            return Chip(_placed(scene, candidate, piece, found), picture)
         verdict, reason = refused
     if verdict != Verdict.NO_TEXTURE and brightness.clouded(inner):
         verdict, reason = Verdict.CLOUD, f"partly as bright as cloud, and {reason}"
     return Chip(replace(candidate, verdict=verdict, reason=reason), picture)
 
 
+def _placed(scene: Scene, candidate: Candidate, piece: Piece, found: Match) -> Candidate:
+    """A candidate moved to the point of its chip that is known best."""
+    middle = candidate.place
+    return replace(
+        candidate,
+        verdict=Verdict.USED,
+        place=middle + found.point_px,
+        pixel=middle + found.place_px - _middle(found),
+        p_J=piece.ground(scene, found.point_px),
+        covariance_px2=found.covariance_px2,
+    )
+
+
+def _middle(found: Match) -> Array:
+    """The middle (2,) of a match's window, from its first pixel."""
+    return 0.5 * (np.array(found.residual.shape[::-1]) - 1.0)
+
+
 def looked_for(piece: Piece, window: Array) -> tuple[Peak, Array]:
     """Where a window with a rim lies around the middle of a piece, by orientation correlation, and the surface."""
-    return located(window, Piece(piece.samples[::2, ::2], 1.0, piece.p_J), SEARCH_PX)
+    return located(window, replace(piece, samples=piece.samples[::2, ::2], step_px=1.0), SEARCH_PX)
 
 
 _UNLIKE = "unlike the reference in nearly all of its pixels: changed ground, another season or cloud"
@@ -189,8 +205,7 @@ def unlikely(found: Match, peak: Peak) -> tuple[Verdict, str] | None:
         return Verdict.CHANGED, f"like the reference in {100.0 * found.kept:.0f} % of its pixels only"
     if sigma > MOST_SIGMA_PX:
         return Verdict.NO_TEXTURE, f"its place has a sigma of {sigma:.2g} px along one direction"
-    middle = 0.5 * (np.array(found.residual.shape[::-1]) - 1.0)
-    apart = float(np.hypot(*(found.place_px - middle + peak.shift)))
+    apart = float(np.hypot(*(found.place_px - found.point_px - _middle(found) + peak.shift)))
     if peak.height > STANDS and apart > MOST_APART_PX:
         return Verdict.NO_MATCH, f"its match lies {apart:.1f} px from where its correlation stands out"
     return None

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..physics.earth import geodetic_to_itrf
 from .scene import Scene, geodetic
 
 Array = NDArray[np.float64]
@@ -16,13 +17,41 @@ NODES = 5
 
 
 @dataclass(frozen=True)
+class Sights:
+    """Where lines of sight around a pixel meet the ground: latitude and longitude (k, k) rad of rows and columns
+    ``at_px`` (k,) from it; between them the ground is smooth."""
+
+    at_px: Array
+    latitude: Array
+    longitude: Array
+
+    def place(self, rows: Array, columns: Array) -> tuple[Array, Array]:
+        """Latitude and longitude (r, c) rad of rows (r,) and columns (c,) from the pixel."""
+        from scipy.interpolate import RectBivariateSpline
+
+        latitude, longitude = (
+            np.asarray(RectBivariateSpline(self.at_px, self.at_px, values)(rows, columns))
+            for values in (self.latitude, self.longitude)
+        )
+        return latitude, longitude
+
+
+@dataclass(frozen=True)
 class Piece:
     """A piece of the reference around a pixel: ``samples`` (k, k), NaN where unknown, every ``step_px`` pixels; its
-    middle is the ground point ``p_J`` (3,)."""
+    middle is the ground point ``p_J`` (3,).  ``sights`` say where its other samples lie, None where nobody asks."""
 
     samples: Array
     step_px: float
     p_J: Array
+    sights: Sights | None = None
+
+    def ground(self, scene: Scene, point_px: Array) -> Array:
+        """The ground point (3,) of what it shows at ``point_px`` (2,), columns and rows from its middle."""
+        if self.sights is None:
+            return self.p_J
+        latitude, longitude = self.sights.place(point_px[1:], point_px[:1])
+        return geodetic_to_itrf(latitude, longitude, scene.height_at(latitude, longitude))[0, 0]
 
     @property
     def known(self) -> float:
@@ -52,13 +81,6 @@ def _piece(
     if not np.all(np.isfinite(p_J)):
         return None
     latitude, longitude = geodetic(p_J)
-    longitude = np.unwrap(np.unwrap(longitude, axis=0), axis=1)
-    place = _between(nodes, latitude, at), _between(nodes, longitude, at)
-    return Piece(scene.reference.sample(*place, spacing_m), step_px, p_J[NODES // 2, NODES // 2])
-
-
-def _between(nodes: Array, values: Array, at: Array) -> Array:
-    """A smooth surface through values (NODES, NODES) at rows and columns ``at`` (k,), (k, k)."""
-    from scipy.interpolate import RectBivariateSpline
-
-    return np.asarray(RectBivariateSpline(nodes, nodes, values)(at, at))
+    sights = Sights(nodes, latitude, np.unwrap(np.unwrap(longitude, axis=0), axis=1))
+    samples = scene.reference.sample(*sights.place(at, at), spacing_m)
+    return Piece(samples, step_px, p_J[NODES // 2, NODES // 2], sights)

@@ -48,6 +48,8 @@ _SHOWN = 0.4
 """Pixels in whose neighbourhood fewer weights are left show something else, as cloud does."""
 _LEAST_SHOWN = 0.15
 """Where fewer of a window's pixels would be left, all of them count."""
+MOST_ASIDE = 0.75
+"""A place is not told farther from a window's centre than this part of the way to its border."""
 COHERENT = 1.2
 """By how much sigmas are larger where residuals are not white: they go along edges farther than the sandwich's lags."""
 _EXACT = 5e-3
@@ -60,14 +62,16 @@ _HELD = 1e-3
 class Match:
     """A chip found in a window (n, m).
 
-    ``place_px`` (2,) is where the template's centre lies in the window, x and y from its first pixel, and
-    ``covariance_px2`` (2, 2) the covariance of its error; ``shape`` (2, 2) is B; ``agreement`` the correlation that the
+    ``place_px`` (2,) is where the template's ``point_px`` (2,), x and y from its centre, lies in the window, x and y from
+    its first pixel, and ``covariance_px2`` (2, 2) the covariance of its error: the place that is known best
+    (:func:`best_known`); ``shape`` (2, 2) is B; ``agreement`` the correlation that the
     template explains, in the values that were matched, negative where contrasts are reversed; ``kept`` the part of the
     pixels with weight; ``gain`` and ``blur_px`` are those from template to window.  ``residual`` (n, m), in the
     window's values, and ``weight`` (n, m) are of the last round.
     """
 
     place_px: Array
+    point_px: Array
     covariance_px2: Array
     shape: Array
     gain: float
@@ -288,16 +292,17 @@ def _step(held: _Round, state: _State, rest_px: float, may_rest: bool) -> _State
 def _told(held: _Round, state: _State) -> Match:
     chip, covariance = held.chip, _covariance(held, state)
     covariance *= 1.0 if held.contrast is None else COHERENT**2
-    back = np.linalg.inv(np.eye(2) + state.B)
-    away = back @ (held.template.centre - state.d)
-    # of place = c + (I + B)^-1 (centre - d) the slope is -(I + B)^-1 (dd + dB away)
-    turn = -back @ np.concatenate([np.eye(2), np.kron(np.eye(2), away)], axis=1)
+    straight = np.eye(2) + state.B
+    x = best_known(covariance[:6, :6], MOST_ASIDE * chip.centre)
+    # of place = (I + B)^-1 (point - d) the slope is -(I + B)^-1 (dd + dB place)
+    turn = -np.linalg.solve(straight, np.concatenate([np.eye(2), np.kron(np.eye(2), x)], axis=1))
     sign = float(np.sign(held.look.gains[0] * np.sum(state.w * held.local)))
     left = chip.window - held.model(state)
     if held.contrast is not None:
         left = left - held.contrast.mean(left)
     return Match(
-        place_px=chip.centre + away,
+        place_px=chip.centre + x,
+        point_px=state.d + straight @ x - held.template.centre,
         covariance_px2=turn @ covariance[:6, :6] @ turn.mT + REST_PX**2 * np.eye(2),
         shape=state.B,
         gain=float(state.gain * held.look.gains[0] * np.mean(held.local)),
@@ -307,6 +312,17 @@ def _told(held: _Round, state: _State) -> Match:
         residual=chip.use * left,
         weight=state.w,
     )
+
+
+def best_known(covariance: Array, most: Array) -> Array:
+    """The place x (2,), at most ``most`` (2,) to each side, at which ``d + B x`` has the least variance: of (d, B) with
+    this ``covariance`` (6, 6), B row by row, where its trace is ``tr V_dd + 2 b x + x A x``.
+
+    Under cloud what is seen lies to one side, and the middle is known only as well as B carries it there.
+    """
+    A = covariance[2:4, 2:4] + covariance[4:6, 4:6]
+    b = covariance[0, 2:4] + covariance[1, 4:6]
+    return np.clip(-np.linalg.solve(A, b), -most, most)
 
 
 def _agreement(z: Array, r: Array, w: Array) -> float:
