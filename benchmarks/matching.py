@@ -5,8 +5,8 @@
 Set OPENBLAS_NUM_THREADS=1.  Chips of 48 px of drawn ground (`starplumb.imagery.drawn`), each of its own ground, where
 of nine places of a cell there is most structure, as `measure` chooses them; the reference turned, with its own pixels'
 phase and noise (SNR 100), and predicted with errors of shape of 0.3 % and up to half a pixel of place.  Nothing was
-tuned on this ground.  The bound is Cramer-Rao's at the place that is told, for the window's white noise, with affine and
-radiometry unknown as the match has them; under cloud, season or another band it cannot be reached.
+tuned on this ground.  The bound is Cramer-Rao's at the place that is told, for the window's white noise, with affine
+and radiometry unknown as the match has them; under cloud, season or another band it cannot be reached.
 """
 
 from __future__ import annotations

@@ -36,10 +36,10 @@ class Verdict(StrEnum):
 class Candidate:
     """A place at which a chip was looked for.
 
-    ``place`` (2,) is where its ground point ``p_J`` (3,) was expected, ``pixel`` (2,) where it was found, both in the
-    window at the point that is known best; where it was refused, both are the window's middle; ``covariance_px2`` (2, 2) of what matching does not know, None where
-    refused; ``residual_px`` (2,) is what the image's own rotation leaves; ``landmark`` is the id of a target that has
-    one.
+    ``place`` (2,) is where its ground point ``p_J`` (3,) was expected, ``pixel`` (2,) where it was found, both at the
+    point of the window that is known best; where it was refused both are the window's middle.  ``covariance_px2``
+    (2, 2) is of what matching does not know, None where refused; ``residual_px`` (2,) is what the image's own rotation
+    leaves; ``landmark`` is the id of a target that has one.
     """
 
     image: int

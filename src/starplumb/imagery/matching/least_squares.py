@@ -62,12 +62,12 @@ _HELD = 1e-3
 class Match:
     """A chip found in a window (n, m).
 
-    ``place_px`` (2,) is where the template's ``point_px`` (2,), x and y from its centre, lies in the window, x and y from
-    its first pixel, and ``covariance_px2`` (2, 2) the covariance of its error: the place that is known best
-    (:func:`best_known`); ``shape`` (2, 2) is B; ``agreement`` the correlation that the
-    template explains, in the values that were matched, negative where contrasts are reversed; ``kept`` the part of the
-    pixels with weight; ``gain`` and ``blur_px`` are those from template to window.  ``residual`` (n, m), in the
-    window's values, and ``weight`` (n, m) are of the last round.
+    ``place_px`` (2,) is where the template's ``point_px`` (2,), x and y from its centre, lies in the window, x and y
+    from its first pixel, and ``covariance_px2`` (2, 2) the covariance of its error: the place that is known best
+    (:func:`best_known`); ``shape`` (2, 2) is B; ``agreement`` the correlation that the template explains, in the values
+    that were matched, negative where contrasts are reversed; ``kept`` the part of the pixels with weight; ``gain`` and
+    ``blur_px`` are those from template to window.  ``residual`` (n, m), in the window's values, and ``weight`` (n, m)
+    are of the last round.
     """
 
     place_px: Array
