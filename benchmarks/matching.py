@@ -19,7 +19,7 @@ import numpy as np
 from scipy.ndimage import map_coordinates
 
 from starplumb.imagery.candidates import TRIED, structure
-from starplumb.imagery.chips import STEP_PX, looked_for, matched, unlikely
+from starplumb.imagery.chips import STEP_PX, looked_for, matched
 from starplumb.imagery.drawn.ground import Ground, Look
 from starplumb.imagery.drawn.render import picture
 from starplumb.imagery.drawn.sky import Sky
@@ -181,9 +181,9 @@ def row(name, hard, trials, rng):
         drawn = chip(rng, hard)
         began = time.process_time()
         peak, _ = looked_for(drawn.piece, drawn.window)
-        found, _ = matched(drawn.piece, drawn.window, peak)
+        found, refused = matched(drawn.piece, drawn.window, peak)
         spent += time.process_time() - began
-        if found is None or unlikely(found, peak) is not None:
+        if found is None or refused is not None:
             continue
         error = drawn.error(found)
         errors.append(error)

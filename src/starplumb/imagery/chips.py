@@ -21,6 +21,7 @@ from .verdicts import Brightness, Candidate, Verdict
 
 Array = NDArray[np.float64]
 Tell = Callable[[int], None]
+Refusal = tuple[Verdict, str]
 
 STEP_PX = 0.5
 """Spacing of a template's samples: at a whole pixel errors and sigmas double."""
@@ -29,6 +30,10 @@ SEARCH_PX = 5
 MARGIN_PX = 6
 AGREES = 0.25
 """Pixels around which window and template agree less than this are left out of the match."""
+DARKER = 0.05, 0.25
+CLOUD_ABOVE = 3.0
+"""Two levels of the darker half of a window, as parts of its pixels, and how many times as far above the upper one
+cloud begins."""
 LEAST_AGREEING = 0.15
 LEAST_KEPT = 0.15
 """Parts of a chip's pixels that must agree at first, and bear weight in the end."""
@@ -106,15 +111,12 @@ def _chip(
     away = tuple(float(x) for x in best.shift)
     picture = replace(picture, surface=surface.astype(np.float32), peak=(away[0], away[1]))
     candidate = replace(candidate, peak=best.height, second=best.second)
-    found, reason = matched(piece, window, best)
-    if found is None:
-        verdict = Verdict.CHANGED if reason == _UNLIKE else Verdict.NO_MATCH
-    else:
+    found, refused = matched(piece, window, best)
+    if found is not None:
         picture, candidate = _shown(picture, found), _measured(candidate, found)
-        refused = unlikely(found, best)
         if refused is None:
             return Chip(_placed(scene, candidate, piece, found), picture)
-        verdict, reason = refused
+    verdict, reason = refused or _NOWHERE
     if verdict != Verdict.NO_TEXTURE and brightness.clouded(inner):
         verdict, reason = Verdict.CLOUD, f"partly as bright as cloud, and {reason}"
     return Chip(replace(candidate, verdict=verdict, reason=reason), picture)
@@ -143,12 +145,14 @@ def looked_for(piece: Piece, window: Array) -> tuple[Peak, Array]:
     return located(window, replace(piece, samples=piece.samples[::2, ::2], step_px=1.0), SEARCH_PX)
 
 
-_UNLIKE = "unlike the reference in nearly all of its pixels: changed ground, another season or cloud"
+_UNLIKE = (
+    Verdict.CHANGED,
+    "unlike the reference in nearly all of its pixels: changed ground, another season or cloud",
+)
+_NOWHERE = Verdict.NO_MATCH, "no place within a few pixels where the match comes to rest"
 
 
-def _unfit(
-    scene: Scene, inner: Array, window: Array, brightness: Brightness, flat: float
-) -> tuple[Verdict, str] | None:
+def _unfit(scene: Scene, inner: Array, window: Array, brightness: Brightness, flat: float) -> Refusal | None:
     """Why a window is not worth matching."""
     known = np.isfinite(inner)
     if np.mean(known) < 1.0 - MISSING:
@@ -169,22 +173,48 @@ def _sampled(piece: Piece, size: int, shift: Array) -> Array:
     return piece.samples[np.ix_(rows, columns)]
 
 
-def matched(piece: Piece, window: Array, peak: Peak) -> tuple[Match | None, str]:
+def matched(piece: Piece, window: Array, peak: Peak) -> tuple[Match | None, Refusal | None]:
     """The match of a window with a rim with a piece, sought from where their correlation stands out, else from the
-    middle, or why there is none; its place counts from the first pixel inside the rim."""
+    middle; and why it is not to be believed, None where it is.  Its place counts from the first pixel inside the rim.
+
+    It is sought in the pixels whose orientations agree; where it is refused so, in all that are not as bright as cloud.
+    """
     size, shift = window.shape[0], peak.shift if peak.height > STANDS else np.zeros(2)
     there = _sampled(piece, size, shift)
-    alike = agreement(orientation(window), orientation(there))
-    use = (alike > AGREES) & np.isfinite(window) & np.isfinite(there)
+    alike = agreement(orientation(window), orientation(there)) > AGREES
+    start = 0.5 * (size - 2.0 * RIM_PX - 1.0) - shift
     inside = slice(RIM_PX, size - RIM_PX)
-    use = use[inside, inside]
+    known = np.isfinite(window) & np.isfinite(there)
+    first: tuple[Match | None, Refusal | None] | None = None
+    for use in (alike, _below_cloud(window)):
+        tried = _tried(
+            _template(piece, size), window[inside, inside], start, (use & known)[inside, inside], peak
+        )
+        if tried[1] is None:
+            return tried
+        first = first or tried
+    return first or (None, _UNLIKE)
+
+
+def _tried(
+    template: Template, inner: Array, start: Array, use: NDArray[np.bool_], peak: Peak
+) -> tuple[Match | None, Refusal | None]:
     if np.mean(use) < LEAST_AGREEING:
         return None, _UNLIKE
-    inner = window[inside, inside]
-    found = match(_template(piece, size), inner, 0.5 * (np.array(inner.shape[::-1]) - 1.0) - shift, use)
-    if found is None:
-        return None, "no place within a few pixels where the match comes to rest"
-    return found, ""
+    found = match(template, inner, start, use)
+    return (None, _NOWHERE) if found is None else (found, unlikely(found, peak))
+
+
+def _below_cloud(window: Array) -> NDArray[np.bool_]:
+    """Pixels (n, n) that are not far brighter than the darker half of a window is spread."""
+    from scipy.ndimage import gaussian_filter
+
+    known = np.isfinite(window)
+    if not known.any():
+        return known
+    dark, middle = np.quantile(window[known], DARKER)
+    smooth = gaussian_filter(np.where(known, window, middle), 1.0)
+    return np.asarray(smooth < middle + CLOUD_ABOVE * (middle - dark))
 
 
 def _template(piece: Piece, size: int) -> Template:
@@ -195,7 +225,7 @@ def _template(piece: Piece, size: int) -> Template:
     return Template(np.where(known, samples, np.mean(samples[known])), STEP_PX)
 
 
-def unlikely(found: Match, peak: Peak) -> tuple[Verdict, str] | None:
+def unlikely(found: Match, peak: Peak) -> Refusal | None:
     """Why a match is not to be believed by what it says of itself; None where it is."""
     sigma = float(np.sqrt(np.linalg.eigvalsh(found.covariance_px2)[-1]))
     agreement = abs(found.agreement)
