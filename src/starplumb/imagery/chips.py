@@ -22,6 +22,7 @@ from .verdicts import Brightness, Candidate, Verdict
 Array = NDArray[np.float64]
 Tell = Callable[[int], None]
 Refusal = tuple[Verdict, str]
+Tried = tuple[Match | None, Refusal | None]
 
 STEP_PX = 0.5
 """Spacing of a template's samples: at a whole pixel errors and sigmas double."""
@@ -31,7 +32,7 @@ MARGIN_PX = 6
 AGREES = 0.25
 """Pixels around which window and template agree less than this are left out of the match."""
 DARKER = 0.05, 0.25
-CLOUD_ABOVE = 3.0
+CLOUD_ABOVE = 1.5
 """Two levels of the darker half of a window, as parts of its pixels, and how many times as far above the upper one
 cloud begins."""
 LEAST_AGREEING = 0.15
@@ -173,11 +174,12 @@ def _sampled(piece: Piece, size: int, shift: Array) -> Array:
     return piece.samples[np.ix_(rows, columns)]
 
 
-def matched(piece: Piece, window: Array, peak: Peak) -> tuple[Match | None, Refusal | None]:
+def matched(piece: Piece, window: Array, peak: Peak) -> Tried:
     """The match of a window with a rim with a piece, sought from where their correlation stands out, else from the
     middle; and why it is not to be believed, None where it is.  Its place counts from the first pixel inside the rim.
 
     It is sought in the pixels whose orientations agree; where it is refused so, in all that are not as bright as cloud.
+    Pixels that agree are chosen by the peak, so that what is matched in them must lie there.
     """
     size, shift = window.shape[0], peak.shift if peak.height > STANDS else np.zeros(2)
     there = _sampled(piece, size, shift)
@@ -185,24 +187,19 @@ def matched(piece: Piece, window: Array, peak: Peak) -> tuple[Match | None, Refu
     start = 0.5 * (size - 2.0 * RIM_PX - 1.0) - shift
     inside = slice(RIM_PX, size - RIM_PX)
     known = np.isfinite(window) & np.isfinite(there)
-    first: tuple[Match | None, Refusal | None] | None = None
-    for use in (alike, _below_cloud(window)):
-        tried = _tried(
-            _template(piece, size), window[inside, inside], start, (use & known)[inside, inside], peak
-        )
+    template, first = _template(piece, size), None
+    for use, stands in ((alike, -np.inf), (_below_cloud(window), STANDS)):
+        use = (use & known)[inside, inside]
+        if np.mean(use) < LEAST_AGREEING:
+            tried: Tried = None, _UNLIKE
+        elif (found := match(template, window[inside, inside], start, use)) is None:
+            tried = None, _NOWHERE
+        else:
+            tried = found, unlikely(found, peak, stands)
         if tried[1] is None:
             return tried
         first = first or tried
     return first or (None, _UNLIKE)
-
-
-def _tried(
-    template: Template, inner: Array, start: Array, use: NDArray[np.bool_], peak: Peak
-) -> tuple[Match | None, Refusal | None]:
-    if np.mean(use) < LEAST_AGREEING:
-        return None, _UNLIKE
-    found = match(template, inner, start, use)
-    return (None, _NOWHERE) if found is None else (found, unlikely(found, peak))
 
 
 def _below_cloud(window: Array) -> NDArray[np.bool_]:
@@ -225,8 +222,9 @@ def _template(piece: Piece, size: int) -> Template:
     return Template(np.where(known, samples, np.mean(samples[known])), STEP_PX)
 
 
-def unlikely(found: Match, peak: Peak) -> Refusal | None:
-    """Why a match is not to be believed by what it says of itself; None where it is."""
+def unlikely(found: Match, peak: Peak, stands: float = STANDS) -> Refusal | None:
+    """Why a match is not to be believed by what it says of itself, and by the peak where that ``stands`` as high; None
+    where it is."""
     sigma = float(np.sqrt(np.linalg.eigvalsh(found.covariance_px2)[-1]))
     agreement = abs(found.agreement)
     if agreement < LEAST_AGREEMENT:
@@ -236,7 +234,7 @@ def unlikely(found: Match, peak: Peak) -> Refusal | None:
     if sigma > MOST_SIGMA_PX:
         return Verdict.NO_TEXTURE, f"its place has a sigma of {sigma:.2g} px along one direction"
     apart = float(np.hypot(*(found.place_px - found.point_px - _middle(found) + peak.shift)))
-    if peak.height > STANDS and apart > MOST_APART_PX:
+    if peak.height > stands and apart > MOST_APART_PX:
         return Verdict.NO_MATCH, f"its match lies {apart:.1f} px from where its correlation stands out"
     return None
 
