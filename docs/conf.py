@@ -31,6 +31,7 @@ extensions = [
     "sphinx.ext.viewcode",
     "executed",
     "generated",
+    "notebook",
     "signatures",
 ]
 if find_spec("sphinx_copybutton"):  # a convenience: without it the pages are the same but for their buttons

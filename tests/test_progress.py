@@ -20,3 +20,16 @@ def test_work_is_named_on_a_terminal_only(monkeypatch, capsys, terminal, quiet, 
     found = capsys.readouterr()
     assert ("solving" in found.err) is said
     assert found.out == ""
+
+
+def test_a_study_moves_before_its_first_chunk_is_done(monkeypatch, capsys):
+    from starplumb.cli.simulate import _progress
+
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    monkeypatch.setenv("TERM", "xterm")
+    with _progress(10_000, 4096, quiet=False) as done:
+        done(0)  # of an earlier run nothing is kept
+        first = capsys.readouterr().err
+        done(4096)
+    assert "the first 4096 trials" in first
+    assert "4096/10000" in capsys.readouterr().err

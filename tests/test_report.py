@@ -31,12 +31,13 @@ from starplumb.physics import so3
 from starplumb.physics.earth import C_JT, itrf_to_geodetic
 from starplumb.physics.units import ARCSEC, DEG
 from starplumb.plan.demo import demo
+from starplumb.report.budget import budget_page
 from starplumb.report.calibration import tables
 from starplumb.report.calibration.page import calibration_page
 from starplumb.report.calibration.tables import _intersection_row
 from starplumb.report.plots import Ellipse, outline, thinned
 from starplumb.report.simulation import simulation_page
-from starplumb.report.text import coefficient, euler_zyx, interval, length, listed, measured, number
+from starplumb.report.text import beside, coefficient, euler_zyx, interval, length, listed, measured, number
 from starplumb.table.campaign import some_of
 from starplumb.table.parameter_names import parameters
 
@@ -414,6 +415,27 @@ def test_a_wrong_stated_sigma_is_written_on_the_badge():
         "axes": dict.fromkeys("xyz", axis | {"error_over_stated": None}),
     }
     assert "the stated sigmas hold" in simulation_page(document | {"methods": {"gls": fine}})
+
+
+@pytest.mark.parametrize(
+    ("value", "scale", "text"),
+    [(1.04e-18, 1.0, "0"), (-2e-10, 1.0, "0"), (2e-9, 1.0, "2.00e−9"), (1.04e-18, 1e-12, "1.04e−18")],
+)
+def test_what_rounding_leaves_of_nothing_is_shown_as_nothing(value, scale, text):
+    assert beside(value, scale).replace("e−09", "e−9") == text
+    assert (interval({"value": value, "low": value, "high": value}, scale) == "0") is (text == "0")
+
+
+def test_the_page_of_a_budget_says_what_it_was_made_with_and_shows_no_rounding():
+    import starplumb as sp
+
+    found = sp.budget(sp.scenario("vhr-0.3m"), ["gls", "wahba"])
+    shares = found.document["methods"]["gls"]["sources"]
+    assert min(x for share in shares for x in share["contribution_arcsec"]) < 1e-9  # or nothing is tested
+    text = " ".join("".join(Seen(budget_page(found.document)).text).split())
+    assert re.search(r"e−1\d", text) is None
+    assert found.document["fingerprint"]["scenario"] in text
+    assert budget_page({**found.document, "fingerprint": None})  # of an older budget
 
 
 @pytest.mark.slow

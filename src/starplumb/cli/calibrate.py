@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
+from time import perf_counter
 from typing import Annotated
 
 import typer
@@ -171,9 +173,11 @@ def calibrate(
         from ..report.pdf import require_printer
 
         require_printer()
+    clock = [perf_counter()]
     with speak.doing("reading the campaign"):
         found = read_campaign(campaign, outside.value)
     require_place(out, [MARK[0], *RESULT_FILES], [found.loaded.sources, prior], MARK)
+    clock.append(perf_counter())
     try:
         with speak.doing("solving and judging"):
             result = run(found, estimate or (), chosen, reach_deg, prior, start, drift, requirement)
@@ -182,15 +186,24 @@ def calibrate(
         refused.save(out)
         raise
     speak.notices(found.notices)
+    clock.append(perf_counter())
     with speak.doing("writing the result"):
         result.save(out, report is not False, gpkg, pdf)
+    clock.append(perf_counter())
     speak.document(result.document)
     advice = [f"next: starplumb diagnose {campaign}"] if result.implausible else []
     speak.shown(result, f"written: {out}", *advice)
+    speak.detail(_spent(clock))
     speak.detail(*(f"notice: {sentence}" for sentence in result.calibration.notices))
     speak.detail(*(f"{name}: {digest}" for name, digest in found.loaded.inputs.items()))
     if not result.usable:
         raise AlignmentFailed(f"{campaign}: {result.calibration.message}")
+
+
+def _spent(clock: Sequence[float]) -> str:
+    """How long each part took, from the readings before and after each."""
+    read, solved, wrote = (after - before for before, after in pairwise(clock))
+    return f"time: {read:.2f} s to read, {solved:.2f} s to solve and judge, {wrote:.2f} s to write"
 
 
 def _require_none(options: Mapping[str, object]) -> None:

@@ -98,7 +98,7 @@ def simulate(
 
     def watched(plan: Study) -> AbstractContextManager[Callable[[int], None]]:
         speak.detail(f"{plan.trials} trials in {plan.chunks} chunks of {plan.chunk}")
-        return _resumable(plan.trials, out, quiet)
+        return _resumable(plan, out, quiet)
 
     asked = read(scenario)
     if out is not None:
@@ -140,13 +140,13 @@ def _refuse_failures(document: dict[str, Any]) -> None:
 
 
 @contextmanager
-def _resumable(trials: int, out: Path | None, quiet: bool) -> Iterator[Callable[[int], None]]:
+def _resumable(plan: Study, out: Path | None, quiet: bool) -> Iterator[Callable[[int], None]]:
     """The progress bar; where the work ends before it is done say what is kept."""
     from ..physics.errors import InputError
 
     kept = 0
     try:
-        with _progress(trials, quiet) as done:
+        with _progress(plan.trials, plan.count(0), quiet) as done:
 
             def count(more: int) -> None:
                 nonlocal kept
@@ -157,36 +157,48 @@ def _resumable(trials: int, out: Path | None, quiet: bool) -> Iterator[Callable[
     except (KeyboardInterrupt, InputError):
         if kept and out is not None and not quiet:
             complain(
-                f"{kept} of {trials} trials are finished and kept in {out / 'chunks'}; "
+                f"{kept} of {plan.trials} trials are finished and kept in {out / 'chunks'}; "
                 "the same command with the same --out resumes them"
             )
         raise
 
 
 @contextmanager
-def _progress(trials: int, quiet: bool) -> Iterator[Callable[[int], None]]:
-    """A bar with rate and remaining time on a terminal, nothing in a pipe."""
+def _progress(trials: int, first: int, quiet: bool) -> Iterator[Callable[[int], None]]:
+    """A bar with rate and remaining time on a terminal, nothing in a pipe.
+
+    Trials are counted by whole chunks: until the ``first`` one is done the bar moves without a count.
+    """
     if quiet or not sys.stderr.isatty():
         yield lambda count: None
         return
     from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
 
     rate = TextColumn("{task.fields[rate]}")
     bar = Progress(
-        TextColumn("trials"),
+        TextColumn("{task.description}"),
         BarColumn(),
         MofNCompleteColumn(),
         rate,
+        TimeElapsedColumn(),
         TimeRemainingColumn(),
         console=Console(stderr=True),
         transient=True,
     )
     with bar:
-        task = bar.add_task("trials", total=trials, rate="")
+        task = bar.add_task(f"the first {first} trials", total=None, rate="")
 
         def done(count: int) -> None:
-            bar.update(task, advance=count)
+            if count:  # the first report is of what an earlier run kept, perhaps nothing
+                bar.update(task, advance=count, total=trials, description="trials")
             speed = bar.tasks[0].speed
             bar.update(task, rate="" if speed is None else f"{speed:.0f}/s")
 

@@ -53,6 +53,7 @@ class BudgetDocument(Document):
     """``budget.json``."""
 
     schema_: Literal["starplumb-budget/1"] = Field(alias="schema")
+    fingerprint: dict[str, str] | None = None
     scenario: str
     description: str
     images: int

@@ -8,12 +8,18 @@ from typing import Any
 import numpy as np
 
 from .amounts import bars
-from .page import Figure, Page, Section, Table, render
+from .page import Figure, Page, Section, Table, made_with, render
 from .text import number, triple
 
 Document = Mapping[str, Any]
 
 AXES = ("x", "y", "z")
+SMALL = 1e-3
+"""Less than this part of what it adds to is shown as 0."""
+NOTE = (
+    "0 stands for a contribution below a thousandth of the largest, and for a derivative where twice the source would "
+    "not change the sigma by a thousandth."
+)
 
 
 def budget_page(document: Document) -> str:
@@ -27,7 +33,11 @@ def budget_page(document: Document) -> str:
         if true
         else "the stated error model is not the true one",
         tone="good" if true else "fair",
-        sections=(*(_method(name, method) for name, method in methods.items()), _target(document["target"])),
+        sections=(
+            *(_method(name, method) for name, method in methods.items()),
+            _target(document["target"]),
+            *_provenance(document),
+        ),
         kind="error budget",
         remarks=(str(document["description"]), *(f"left out: {name}" for name in document["left_out"])),
     )
@@ -61,7 +71,7 @@ def _method(name: str, method: Document) -> Section:
                 str(share["words"]),
                 f"{number(share[f'sigma_{unit}'])} {unit}",
                 *_beside(share["contribution_arcsec"], [s["contribution_arcsec"] for s in shares]),
-                *(number(x) for x in share[f"sensitivity_arcsec_per_{unit}"]),
+                *_slopes(share, method["sigma_arcsec"]),
             )
         )
     stated = method["stated_sigma_arcsec"]
@@ -78,7 +88,7 @@ def _method(name: str, method: Document) -> Section:
         f"method-{name}",
         f"Method {name}",
         figures=(contributions(name, shares),),
-        tables=(Table(f"Budget of {name}", head, rows, text_columns=2),),
+        tables=(Table(f"Budget of {name}", head, rows, text_columns=2, note=NOTE),),
         bullets=tuple(str(sentence) for sentence in method["in_words"]),
     )
 
@@ -87,14 +97,31 @@ def _beside(values: list[float], others: list[list[float]]) -> tuple[str, ...]:
     """Three figures; one that is less than a thousandth of the largest about its axis is shown as 0."""
     largest = np.max(np.array(others, dtype=np.float64), axis=0)
     return tuple(
-        number(x) if x >= 1e-3 * most else "0" for x, most in zip(values, largest.tolist(), strict=True)
+        number(x) if x >= SMALL * most else "0" for x, most in zip(values, largest.tolist(), strict=True)
     )
+
+
+def _slopes(share: Document, sigma_arcsec: list[float]) -> tuple[str, ...]:
+    """How the sigma depends on a source's; 0 where twice the source would not change it by a thousandth."""
+    unit = _unit(share)
+    slopes = share[f"sensitivity_arcsec_per_{unit}"]
+    return tuple(
+        "0" if abs(slope) * share[f"sigma_{unit}"] < SMALL * sigma else number(slope)
+        for slope, sigma in zip(slopes, sigma_arcsec, strict=True)
+    )
+
+
+def _provenance(document: Document) -> tuple[Section, ...]:
+    """Version, scenario and methods; budgets written before these were kept have none."""
+    fingerprint = document.get("fingerprint")
+    return () if not fingerprint else (Section("provenance", "Provenance", tables=(made_with(fingerprint),)),)
 
 
 def contributions(name: str, shares: list[Document]) -> Figure:
     """Contributions of those sources that matter."""
     values = np.array([share["contribution_arcsec"] for share in shares], dtype=np.float64)
-    large = np.max(values / np.maximum(np.max(values, axis=0), 1e-300), axis=1) > 0.02
+    parts = values / np.maximum(np.max(values, axis=0), 1e-300)
+    values, large = np.where(parts < SMALL, 0.0, values), np.max(parts, axis=1) > 0.02
     chosen = np.flatnonzero(large)
     worst = [_label(shares[int(np.argmax(values[:, i]))]) for i in range(3)]
     words = f"the largest about x, y, z are {', '.join(worst)}"

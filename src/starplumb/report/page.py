@@ -6,7 +6,7 @@ are.  The page needs no network, no script and no other file.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -77,6 +77,12 @@ class Table:
     marked: frozenset[int] = frozenset()
     note: str = ""
     totals: int = 0
+
+
+def made_with(fingerprint: Mapping[str, object], **further: object) -> Table:
+    """What a page was made with: ``further`` facts and those of a fingerprint, a row each."""
+    rows = [(str(name), str(value)) for name, value in {**further, **fingerprint}.items()]
+    return Table("Made with", ("what", "value"), rows, text_columns=2)
 
 
 @dataclass(frozen=True)

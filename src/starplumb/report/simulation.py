@@ -6,12 +6,14 @@ from collections.abc import Mapping
 from typing import Any
 
 from . import simulation_figures as figures
-from .page import Page, Section, Table, Tone, render
-from .text import interval, length, number, triple
+from .page import Page, Section, Table, Tone, made_with, render
+from .text import beside, interval, length, number, triple
 
 Document = Mapping[str, Any]
 
 AXES = ("x", "y", "z")
+ARCSEC_SCALE = 1.0
+"""Angles are rotations of the order of 1: what is below a billionth of an arc second is rounding."""
 
 
 def simulation_page(document: Document) -> str:
@@ -33,7 +35,11 @@ def simulation_page(document: Document) -> str:
             ),
             *(_method(name, method) for name, method in methods.items()),
             Section("sources", "Error sources", tables=(_sources(document),)),
-            Section("provenance", "Provenance", tables=(_provenance(document),)),
+            Section(
+                "provenance",
+                "Provenance",
+                tables=(made_with(document["fingerprint"], trials=document["trials"]),),
+            ),
         ),
         kind=f"simulation, {document['trials']} trials",
         remarks=tuple(
@@ -77,7 +83,7 @@ def _side(document: Document) -> tuple[Table, ...]:
         rows.append(
             (
                 name,
-                *(interval(axis["rms_arcsec"]) for axis in axes),
+                *(interval(axis["rms_arcsec"], ARCSEC_SCALE) for axis in axes),
                 *(interval(axis["rmse_over_bound"]) for axis in axes),
                 "–" if ground is None else length(ground["value"]),
                 str(method["failed"]),
@@ -97,11 +103,14 @@ def _side(document: Document) -> tuple[Table, ...]:
 def _method(name: str, method: Document) -> Section:
     axes, curve = method["axes"], method["convergence"]
     rows = [
-        ("mean, arcsec", *(interval(axis["mean_arcsec"]) for axis in axes.values())),
-        ("sigma, arcsec", *(interval(axis["sigma_arcsec"]) for axis in axes.values())),
-        ("rms, arcsec", *(interval(axis["rms_arcsec"]) for axis in axes.values())),
-        ("largest, arcsec", *(number(axis["max_arcsec"]) for axis in axes.values())),
-        ("stated sigma, arcsec", *(number(axis["stated_sigma_arcsec"]) for axis in axes.values())),
+        ("mean, arcsec", *(interval(axis["mean_arcsec"], ARCSEC_SCALE) for axis in axes.values())),
+        ("sigma, arcsec", *(interval(axis["sigma_arcsec"], ARCSEC_SCALE) for axis in axes.values())),
+        ("rms, arcsec", *(interval(axis["rms_arcsec"], ARCSEC_SCALE) for axis in axes.values())),
+        ("largest, arcsec", *(beside(axis["max_arcsec"], ARCSEC_SCALE) for axis in axes.values())),
+        (
+            "stated sigma, arcsec",
+            *(beside(axis["stated_sigma_arcsec"], ARCSEC_SCALE) for axis in axes.values()),
+        ),
         ("error / stated sigma", *(interval(axis["error_over_stated"]) for axis in axes.values())),
         ("rms / bound", *(interval(axis["rmse_over_bound"]) for axis in axes.values())),
         ("kurtosis", *(number(axis["kurtosis"]) for axis in axes.values())),
@@ -110,7 +119,7 @@ def _method(name: str, method: Document) -> Section:
         rows.append(
             (
                 f"{100.0 * float(q):g} % quantile, arcsec",
-                *(interval(a["quantiles_arcsec"][q]) for a in axes.values()),
+                *(interval(a["quantiles_arcsec"][q], ARCSEC_SCALE) for a in axes.values()),
             )
         )
     counts = ", ".join(
@@ -144,13 +153,3 @@ def _sources(document: Document) -> Table:
         sigma = ", ".join(number(value) for value in source[key])
         rows.append((str(source["name"]), str(source["words"]), f"{sigma} {key.removeprefix('sigma_')}"))
     return Table("What is off, and how far", ("source", "what", "sigma"), rows, text_columns=3)
-
-
-def _provenance(document: Document) -> Table:
-    rows = [
-        ("trials", str(document["trials"])),
-        ("seed", str(document["seed"])),
-        ("chunk", str(document["chunk"])),
-    ]
-    rows += [(str(key), str(value)) for key, value in document["fingerprint"].items()]
-    return Table("Made with", ("what", "value"), rows, text_columns=2)

@@ -12,6 +12,8 @@ from ..physics.units import DEG
 
 Array = NDArray[np.float64]
 
+ROUNDING = 1e-9
+"""Less than this part of what stands beside it is what rounding leaves of nothing."""
 NOT_STATED = "not stated"
 
 
@@ -27,6 +29,11 @@ def number(value: float | None, digits: int = 3) -> str:
     return f"{value:.{digits - 1}e}".replace("-", "−")
 
 
+def beside(value: float | None, scale: float, digits: int = 3) -> str:
+    """A number as :func:`number` has it; one that rounding explains, against a ``scale`` of its unit, is 0."""
+    return "0" if value is not None and abs(value) <= ROUNDING * scale else number(value, digits)
+
+
 def measured(value: float, sigma: float | None) -> str:
     """``value ± sigma``, the sigma to two significant digits and the value to the same place."""
     if sigma is None or not np.isfinite(sigma) or sigma <= 0.0:
@@ -35,10 +42,12 @@ def measured(value: float, sigma: float | None) -> str:
     return f"{value:.{places}f} ± {sigma:.{places}f}".replace("-", "−")
 
 
-def interval(found: Mapping[str, float] | None) -> str:
-    """A value with half its confidence interval; a dash for none."""
+def interval(found: Mapping[str, float] | None, scale: float = 0.0) -> str:
+    """A value with half its confidence interval; a dash for none, 0 where rounding explains it against a ``scale``."""
     if found is None or found["value"] is None:
         return "–"
+    if max(abs(found["low"]), abs(found["high"])) <= ROUNDING * scale:
+        return "0"
     return measured(found["value"], 0.5 * (found["high"] - found["low"]))
 
 

@@ -14,6 +14,7 @@ from ..judge.motion.found import moves, would_be_found
 from ..physics.units import ARCSEC, DEG
 from ..plan.scenario import Scenario
 from .budget import Budget, Direction, Requirement, Share, budget, directions, requirements
+from .provenance import made_with
 
 Array = NDArray[np.float64]
 
@@ -32,6 +33,7 @@ def document(scenario: Scenario, methods: Mapping[str, Estimator], target: float
     found = {name: budget(scenario, estimator) for name, estimator in methods.items()}
     return {
         "schema": SCHEMA,
+        "fingerprint": made_with(scenario, methods),
         "scenario": scenario.name,
         "description": scenario.description,
         "images": scenario.truth.n_images,

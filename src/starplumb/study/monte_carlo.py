@@ -14,13 +14,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import __version__
 from ..estimators.protocol import AlignmentEstimate, Estimator, Status
 from ..physics import so3
 from ..plan.scenario import Scenario
 from ..table.error_sources import draw
 from ..table.observations import Observations
 from ..table.simulate import measure
+from .provenance import made_with
 from .refined import of_scene
 from .statistics import Moments
 
@@ -164,9 +164,7 @@ class Study:
     def fingerprint(self) -> dict[str, str | int | bool]:
         """All that a chunk's numbers depend on, except how many of its trials are asked for."""
         return {
-            "starplumb": __version__,
-            "scenario": f"{self.scenario.name}, sha256:{self.scenario.digest}",
-            "methods": ", ".join(f"{name}: {estimator!r}" for name, estimator in self.methods.items()),
+            **made_with(self.scenario, self.methods),
             "seed": self.seed,
             "chunk": self.chunk,
             "samples": self.keep_samples,

@@ -138,11 +138,12 @@ def import_(
                 "--into: found beside --landmarks, wanted the rows added to the campaign's own tables"
             )
         folder, there = into, (into / "campaign.toml").exists()
-        notices = (
-            import_into(into, products, wanted, names)
-            if there
-            else import_products(products, into, wanted, image_ids=names)
-        )
+        with speak.doing("reading the products"):
+            notices = (
+                import_into(into, products, wanted, names)
+                if there
+                else import_products(products, into, wanted, image_ids=names)
+            )
     path = folder / "campaign.toml"
     speak.notices(notices)
     speak.document({"campaign": str(path), "notices": notices})
