@@ -42,8 +42,9 @@ LEAST_AGREEMENT = 0.4
 """Weighted correlation of window and template that a match must have."""
 LEAST_TOLD = 0.05
 """Part of the window's power, its pixels without weight included, that the template must explain."""
-MOST_APART_PX = 1.0
-"""How far a match may lie from where the correlation stands out."""
+MOST_APART_PX, MOST_APART_IN_PART_PX = 1.0, 0.6
+"""How far a match may lie from where the correlation stands out, and, where it does not, from the best place of the
+pixels that bear weight: what is left between clouds comes to rest in fields nearly without texture, too."""
 MOST_SIGMA_PX = 0.25
 FULL = 0.1
 """Part of a chip's pixels that may be saturated."""
@@ -141,9 +142,10 @@ def _middle(found: Match) -> Array:
     return 0.5 * (np.array(found.residual.shape[::-1]) - 1.0)
 
 
-def looked_for(piece: Piece, window: Array) -> tuple[Peak, Array]:
-    """Where a window with a rim lies around the middle of a piece, by orientation correlation, and the surface."""
-    return located(window, replace(piece, samples=piece.samples[::2, ::2], step_px=1.0), SEARCH_PX)
+def looked_for(piece: Piece, window: Array, use: NDArray[np.bool_] | None = None) -> tuple[Peak, Array]:
+    """Where a window with a rim lies around the middle of a piece, by orientation correlation of the pixels in ``use``,
+    and the surface."""
+    return located(window, replace(piece, samples=piece.samples[::2, ::2], step_px=1.0), SEARCH_PX, use)
 
 
 _UNLIKE = (
@@ -179,7 +181,6 @@ def matched(piece: Piece, window: Array, peak: Peak) -> Tried:
     middle; and why it is not to be believed, None where it is.  Its place counts from the first pixel inside the rim.
 
     It is sought in the pixels whose orientations agree; where it is refused so, in all that are not as bright as cloud.
-    Pixels that agree are chosen by the peak, so that what is matched in them must lie there.
     """
     size, shift = window.shape[0], peak.shift if peak.height > STANDS else np.zeros(2)
     there = _sampled(piece, size, shift)
@@ -188,14 +189,14 @@ def matched(piece: Piece, window: Array, peak: Peak) -> Tried:
     inside = slice(RIM_PX, size - RIM_PX)
     known = np.isfinite(window) & np.isfinite(there)
     template, first = _template(piece, size), None
-    for use, stands in ((alike, -np.inf), (_below_cloud(window), STANDS)):
+    for use in (alike, _below_cloud(window)):
         use = (use & known)[inside, inside]
         if np.mean(use) < LEAST_AGREEING:
             tried: Tried = None, _UNLIKE
         elif (found := match(template, window[inside, inside], start, use)) is None:
             tried = None, _NOWHERE
         else:
-            tried = found, unlikely(found, peak, stands)
+            tried = found, unlikely(found, peak) or _elsewhere(found, piece, window, peak)
         if tried[1] is None:
             return tried
         first = first or tried
@@ -222,9 +223,28 @@ def _template(piece: Piece, size: int) -> Template:
     return Template(np.where(known, samples, np.mean(samples[known])), STEP_PX)
 
 
-def unlikely(found: Match, peak: Peak, stands: float = STANDS) -> Refusal | None:
-    """Why a match is not to be believed by what it says of itself, and by the peak where that ``stands`` as high; None
-    where it is."""
+def _elsewhere(found: Match, piece: Piece, window: Array, peak: Peak) -> Refusal | None:
+    """Why a match is not to be believed by orientations in its pixels with weight, where those of all do not tell."""
+    from scipy.ndimage import binary_closing
+
+    if peak.height > STANDS:
+        return None
+    best, _ = looked_for(piece, window, binary_closing(found.weight > 0.0, iterations=2))
+    apart = _apart(found, best)
+    if apart > MOST_APART_IN_PART_PX:
+        return (
+            Verdict.NO_MATCH,
+            f"its match lies {apart:.1f} px from where the part that is seen is most alike",
+        )
+    return None
+
+
+def _apart(found: Match, peak: Peak) -> float:
+    return float(np.hypot(*(found.place_px - found.point_px - _middle(found) + peak.shift)))
+
+
+def unlikely(found: Match, peak: Peak) -> Refusal | None:
+    """Why a match is not to be believed by what it says of itself; None where it is."""
     sigma = float(np.sqrt(np.linalg.eigvalsh(found.covariance_px2)[-1]))
     agreement = abs(found.agreement)
     if agreement < LEAST_AGREEMENT:
@@ -233,8 +253,8 @@ def unlikely(found: Match, peak: Peak, stands: float = STANDS) -> Refusal | None
         return Verdict.CHANGED, f"like the reference in {100.0 * found.kept:.0f} % of its pixels only"
     if sigma > MOST_SIGMA_PX:
         return Verdict.NO_TEXTURE, f"its place has a sigma of {sigma:.2g} px along one direction"
-    apart = float(np.hypot(*(found.place_px - found.point_px - _middle(found) + peak.shift)))
-    if peak.height > stands and apart > MOST_APART_PX:
+    apart = _apart(found, peak)
+    if peak.height > STANDS and apart > MOST_APART_PX:
         return Verdict.NO_MATCH, f"its match lies {apart:.1f} px from where its correlation stands out"
     return None
 

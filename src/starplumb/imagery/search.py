@@ -99,10 +99,13 @@ def _binned_window(scene: Scene, image: int, centre: Array, level: int, columns:
     return binned(scene.raws[image].window(int(first[0]), int(first[1]), full, full), level)
 
 
-def located(window: Array, piece: Piece, search: int) -> tuple[Peak, Array]:
+def located(
+    window: Array, piece: Piece, search: int, use: NDArray[np.bool_] | None = None
+) -> tuple[Peak, Array]:
     """Where the middle of a window (w, w), whose rim only feeds the filter, lies in a piece: its shift in pixels of the
-    piece from the middle; and the surface of correlations (k, k) around it."""
+    piece from the middle; and the surface of correlations (k, k) around it.  Inside the rim only ``use`` counts."""
     chip = orientation(window)[RIM_PX:-RIM_PX, RIM_PX:-RIM_PX]
+    chip = chip if use is None else chip * use
     size = chip.shape[0] + 2 * search
     around = orientation(piece.samples)
     rest = around.shape[0] - size
