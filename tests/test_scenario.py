@@ -195,6 +195,11 @@ FROM_FILE = (
         ),
         ((("inclination_deg = 97.4\n", ""),), "", "orbit.inclination_deg: missing"),
         (
+            (),
+            "[mounting]\nfrom = 'pixel'\nto = 'star_tracker'\nrotation_vector_deg = [0, 0, 0]\n",
+            'mounting.from: found "pixel" to "star_tracker", wanted "camera" on one side',
+        ),
+        (
             (("altitude_km = 500.0", "altitude_km = 500.0\nnode_deg = 3.0"),),
             "",
             "orbit.node_deg: found beside",

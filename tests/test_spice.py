@@ -18,6 +18,7 @@ from starplumb.io.formats.spice import (
     read_spk,
     tdb_seconds,
 )
+from starplumb.io.formats.spice import loaded as kernel_loaded
 from starplumb.io.formats.spice_names import frame_name_fault
 from starplumb.physics import timescales
 from starplumb.physics.errors import InputError
@@ -291,3 +292,10 @@ def test_frame_kernel_refuses_one_name_or_one_id_for_both():
         FrameIds(1_400_005, 1_400_005)
     with pytest.raises(InputError, match="ID is 17, wanted 1400000"):
         FrameIds(17)
+
+
+def test_what_spice_says_is_cut_to_a_sentence(spk):
+    path = spk((-999, 0, 60))
+    with pytest.raises(InputError, match=r"long \.\.\.$") as error, kernel_loaded(spice, "o.bsp", path):
+        raise spice.utils.exceptions.SpiceyError(long="long " * 300)
+    assert len(str(error.value)) < 400

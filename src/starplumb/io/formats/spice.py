@@ -25,6 +25,8 @@ _TT_MINUS_TAI_NS = 32_184_000_000
 _MOST_TDB_S = 6e9
 _MOST_SAMPLES = 5_000_000
 """A year and a half every 10 s."""
+_MOST_REASON = 300
+"""Letters of what SPICE says."""
 _AT_ONCE = 50_000
 """States asked for together: SPICE gives each as an object of its own."""
 _SPK_STARTS = (b"DAF/SPK", b"NAIF/DAF")
@@ -141,6 +143,7 @@ def loaded(spice: ModuleType, path: str | Path, kernel: Path) -> Iterator[None]:
             spice.unload(str(kernel))
     except spice.utils.exceptions.SpiceyError as error:
         reason = " ".join(f"{getattr(error, 'short', '')} {getattr(error, 'long', error)}".split())
+        reason = reason if len(reason) <= _MOST_REASON else f"{reason[:_MOST_REASON]} ..."
         raise InputError(f"{path}: SPICE cannot use this kernel: {reason}") from None
 
 

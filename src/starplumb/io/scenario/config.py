@@ -10,9 +10,10 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field
 
-from ..campaign.attitude_config import Mounting
+from ..campaign.attitude_config import Mounting, ends
 from ..campaign.cameras.config import CameraConfig
 from ..campaign.config import CorrectionsConfig
+from ..campaign.fixed_frames import CAMERA
 from ..text.files import show
 from ..text.sections import Section, wrong
 from ..text.values import Frame, Positive, Text, choice, number, vector
@@ -254,6 +255,7 @@ class ScenarioConfig(Section):
 
     @classmethod
     def rules(cls, given: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+        yield from _mounting_rules(given)
         yield from _flight_rules(given)
         yield from _error_rules(given)
 
@@ -261,6 +263,16 @@ class ScenarioConfig(Section):
 def _section(given: Mapping[str, Any], key: str) -> Mapping[str, Any]:
     value = given.get(key)
     return value if isinstance(value, dict) else {}
+
+
+def _mounting_rules(given: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    sides = ends(given.get("mounting"))
+    if sides and sides.count(CAMERA) != 1:
+        found = f"found {show(sides[0])} to {show(sides[1])}"
+        yield (
+            "mounting.from",
+            f"{found}, wanted {show(CAMERA)} on one side, and the tracker's frame on the other",
+        )
 
 
 def _flight_rules(given: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
