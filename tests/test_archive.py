@@ -16,6 +16,7 @@ import starplumb as sp
 from command import starplumb
 from missions import mission, part, whole
 from starplumb.io.archive import blobs, store
+from starplumb.io.archive.rows import result_text
 from starplumb.io.campaign.write import write_campaign
 from starplumb.physics import so3
 from starplumb.physics.errors import InputError
@@ -335,6 +336,15 @@ def test_a_campaign_whose_images_are_gone_is_a_damaged_archive(tmp_path, parts):
     done = starplumb("archive", "trend", archive.path)
     assert done.status == 2
     assert 'found a damaged archive ("a campaign without its images")' in done.err
+
+
+def test_a_result_that_an_index_has_and_its_table_has_not_is_told(tmp_path, parts):
+    archive = archive_of(tmp_path, parts["a"])
+    with (
+        closing(sqlite3.connect(archive.path)) as database,
+        pytest.raises(ValueError, match="a campaign without its result"),
+    ):
+        result_text(database, "sha256:0")
 
 
 @pytest.mark.slow

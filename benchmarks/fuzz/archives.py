@@ -31,6 +31,8 @@ def page(rng: Rng, data: bytes) -> bytes:
 def pages(rng: Rng, data: bytes) -> bytes:
     """Pages that changed places, or one that is empty."""
     parts = [data[at : at + PAGE] for at in range(0, len(data), PAGE)]
+    if not parts:
+        return data
     i, j = rng.integers(len(parts), size=2)
     if rng.random() < 0.5:
         parts[i], parts[j] = parts[j], parts[i]

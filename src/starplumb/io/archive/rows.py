@@ -241,9 +241,11 @@ def _entry(row: tuple[Any, ...]) -> Entry:
 
 
 def result_text(database: sqlite3.Connection, campaign: str) -> str:
-    """``result.json`` of a campaign."""
-    (data,) = database.execute("SELECT result_json FROM campaign WHERE id = ?", (campaign,)).fetchone()
-    return zlib.decompress(data).decode()
+    """``result.json`` of a campaign.  Raises ValueError where there is none."""
+    row = database.execute("SELECT result_json FROM campaign WHERE id = ?", (campaign,)).fetchone()
+    if row is None or not isinstance(row[0], bytes):
+        raise ValueError("a campaign without its result")
+    return zlib.decompress(row[0]).decode()
 
 
 def inputs_of(database: sqlite3.Connection, campaign: str) -> dict[str, str]:
