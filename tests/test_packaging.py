@@ -79,6 +79,36 @@ def test_versions_agree(wheel: zipfile.ZipFile) -> None:
     assert f"version: {starplumb.__version__}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
 
 
+def test_the_conda_recipe_asks_what_the_package_asks() -> None:
+    """Under the names of conda-forge, which splits matplotlib; and the version is ours."""
+    recipe = (ROOT / "packaging" / "conda" / "recipe.yaml").read_text(encoding="utf-8")
+    run = re.search(r"^  run:\n((?:    - .*\n)+)", recipe, re.MULTILINE)
+    assert run is not None
+    asked = {line.strip(" -").replace(" ", "") for line in run[1].splitlines()}
+    wanted = {entry.replace("matplotlib>", "matplotlib-base>") for entry in PROJECT["dependencies"]}
+    assert asked == wanted | {f"python{PROJECT['requires-python']}"}
+    assert f'version: "{starplumb.__version__}"' in recipe
+
+
+def test_the_container_installs_extras_that_exist_from_files_that_exist() -> None:
+    text = (ROOT / "Containerfile").read_text(encoding="utf-8")
+    asked = re.findall(r"/src\[([\w,]+)\]", text)[0].split(",")
+    assert set(asked) <= set(EXTRAS)
+    copied = [words.split()[1:-1] for words in text.splitlines() if words.startswith("COPY")]
+    assert copied
+    assert all((ROOT / name).exists() for names in copied for name in names)
+
+
+def test_badges_say_what_the_project_says(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(ROOT / "docs")
+    import badges  # type: ignore[import-not-found]
+
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    for name, (word, value) in badges.facts().items():
+        assert (badges.FOLDER / f"{name}.svg").read_text(encoding="utf-8") == badges.badge(word, value)
+        assert f"![{word}: {value}](docs/_static/badges/{name}.svg)" in readme
+
+
 def test_every_requirement_has_a_lowest_version() -> None:
     """They are what .ci/run installs and tests; a requirement without one would be tested at its newest only."""
     named = [*PROJECT["dependencies"], *(entry for entries in EXTRAS.values() for entry in entries)]
