@@ -85,6 +85,10 @@ class _Search:
     def seen(self) -> Mask:
         return np.asarray(self.o.weight > 0.0)
 
+    def _all(self, used: Mask) -> bool:
+        """Whether all sightings are used."""
+        return bool(np.array_equal(used, self.seen))
+
     def failed(self) -> AlignmentEstimate:
         """No alignment on which enough sightings agree: the plain estimate, marked as not to be used."""
         plain = self.options.gls(self.o, self.C_EK_model)
@@ -143,6 +147,8 @@ class _Search:
             found = (
                 nearer if np.any(nearer.agree) else found
             )  # none are near where a wrong prior pulls too far
+            if self._all(used):  # again it would be the same
+                break
         used = self._widened(state, used, found.agree)
         verdict = np.where(used | ~self.seen, int(Verdict.USED), int(Verdict.SIGHTING))
         state, verdict = self._snoop(state, verdict)
@@ -187,8 +193,10 @@ class _Search:
         The 30 % quantile of T (0.713 for chi-square with 2 degrees of freedom) among those that agree says how much
         larger, be up to 60 % of them wrong; of two sets that each hold together, snooping then ends with the larger.
         """
+        if self._all(used) or not np.any(agree):
+            return used
         tested = self.at(state, used).tested()
-        if tested is None or not np.any(agree):
+        if tested is None:
             return used
         T = tested.sightings[0]
         factor = max(1.0, float(np.quantile(T[agree], 0.3)) / 0.713)
@@ -289,6 +297,8 @@ class _Search:
 
     def _rival(self, estimate: AlignmentEstimate, used: Mask, found: Consensus) -> Rival:
         """The answer that the rejected sightings support best."""
+        if self._all(used):
+            return NO_RIVAL
         values = np.zeros(0) if estimate.parameters is None else estimate.parameters.values
         parts = self.at(State(estimate.C_EK, values), self.seen).parts()
         against = contradicting(clusters_of(parts, self.seen, self._uncertainty(found)), used)
