@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ..physics import so3
 from ..solve.reliability import NOISE, Tested, excess
 from ..table.observations import Observations
-from .agreement import agreed, clusters_of, contradicting, large
+from .agreement import MEMBERS, agreed, clusters_of, contradicting, large
 from .consensus import Consensus, Directions, consensus
 from .fit import Fit, State, Unknowns
 from .gls import Gls
@@ -297,7 +297,8 @@ class _Search:
 
     def _rival(self, estimate: AlignmentEstimate, used: Mask, found: Consensus) -> Rival:
         """The answer that the rejected sightings support best."""
-        if self._all(used):
+        left_out = self.o.image[self.seen & ~used]
+        if np.max(np.bincount(left_out), initial=0) < 0.5 * MEMBERS:  # too few to be most of a cluster
             return NO_RIVAL
         values = np.zeros(0) if estimate.parameters is None else estimate.parameters.values
         parts = self.at(State(estimate.C_EK, values), self.seen).parts()
