@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import atexit
 import gc
+import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -16,6 +17,8 @@ def main() -> None:
     """
     from ..study.threads import one_thread
 
+    # the settings are checked by what pydantic has itself: looking for plugins reads every package installed
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
     with one_thread(), few_collections():
         _run()
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
+from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -27,12 +28,16 @@ def json_text(document: Mapping[str, object]) -> str:
     return _indented(document, "\n") + "\n"
 
 
-def _indented(value: object, line: str) -> str:
-    inner = f"{line} "
+def _indented(value: Any, line: str) -> str:
+    kind, inner = type(value), f"{line} "
+    if kind is int or (kind is float and isfinite(value)):
+        return repr(value)  # as the encoder has it, which takes its time to be set up
+    if kind is str:
+        return _encoded(value)
     if isinstance(value, Mapping) and value:
         rows = [f"{_encoded(str(key))}: {_indented(entry, inner)}" for key, entry in value.items()]
         return f"{{{inner}{f',{inner}'.join(rows)}{line}}}"
-    if isinstance(value, list | tuple) and any(isinstance(entry, Mapping) for entry in value):
+    if kind in (list, tuple) and any(issubclass(of, Mapping) for of in set(map(type, value))):
         return f"[{inner}{f',{inner}'.join(_indented(entry, inner) for entry in value)}{line}]"
     return _encoded(value)
 
