@@ -11,10 +11,12 @@ from observer_loop import cycle_run
 from problems import C_EK_TRUE, FRAME, LINE, truth
 from starplumb.estimators.protocol import Status
 from starplumb.estimators.published import observer_rows as rows
+from starplumb.estimators.published import observer_singly as singly
 from starplumb.estimators.published.observer import Observer, describe
 from starplumb.physics import so3
 from starplumb.physics.errors import InputError
 from starplumb.physics.units import ARCMIN, ARCSEC, DEG
+from starplumb.solve.compiled import is_kept
 from starplumb.table.geometry import observe
 from starplumb.table.simulate import Errors, measure
 
@@ -270,6 +272,35 @@ def test_redrawn_covariance_is_that_of_the_errors(rng):
 def test_options_that_make_no_sense_are_refused(options, complaint):
     with pytest.raises(InputError, match=complaint.replace("(", r"\(")):
         Observer(**options)
+
+
+@pytest.mark.slow
+def test_one_run_has_the_same_bits_in_python_and_compiled(rng, monkeypatch):
+    pytest.importorskip("numba")
+    table = measured(two_images(), rng, 2)
+    model = so3.exp(rng.standard_normal((2, 3)) * 10.0 * ARCMIN) @ C_EK_TRUE
+    plain = Observer()(table, model)
+    called = []
+    monkeypatch.setattr(singly, "TO_COMPILE", 0)
+    monkeypatch.setattr(singly, "_by_python", lambda *_: called.append(1))
+    monkeypatch.setattr(singly, "is_kept", lambda _: pytest.fail("asked where even compiling pays"))
+    np.testing.assert_array_equal(Observer()(table, model).trace_xyzw, plain.trace_xyzw)
+    assert not called
+    assert is_kept(singly.by_numba)
+
+
+def test_nothing_is_compiled_for_little_work_or_where_it_cannot_be_kept(rng, monkeypatch):
+    table, model = measured(two_images(), rng, 1), so3.exp(np.array([1e-3, 0.0, 0.0])) @ C_EK_TRUE
+    asked = []
+    monkeypatch.setattr(singly, "is_kept", lambda _: False)
+    monkeypatch.setattr(singly, "_compiled", lambda: asked.append(1))
+    plain = Observer()(table, model)
+    monkeypatch.setattr(singly, "TO_LOAD", 0)
+    Observer()(table, model)
+    assert not asked
+    monkeypatch.setattr(singly, "TO_COMPILE", 0)
+    np.testing.assert_array_equal(Observer()(table, model).trace_xyzw, plain.trace_xyzw)
+    assert asked
 
 
 @pytest.mark.slow

@@ -10,6 +10,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from hashlib import sha256
+from pathlib import Path
 from types import FunctionType
 from typing import Any
 
@@ -27,7 +29,32 @@ _known: set[Function] = set()
 """The functions registered with numba."""
 
 
-def compiled(function: Function) -> Function:
+def kept(function: Function) -> Function | None:
+    """:func:`compiled`, and kept beside the source of the function for later processes; None without numba or where
+    nothing can be kept."""
+    try:
+        return compiled(_by_source(function), cache=True)
+    except (InputError, RuntimeError):  # no numba, or no folder that numba may write to
+        return None
+
+
+def is_kept(function: Function) -> bool:
+    """Whether an earlier process has left what :func:`kept` makes of a function."""
+    file = Path(function.__code__.co_filename)
+    named = f"{file.stem}.{_by_source(function).__qualname__}-*.nbi"
+    return any(file.parent.joinpath("__pycache__").glob(named))
+
+
+def _by_source(function: Function) -> Function:
+    """The function under a name that changes with any source that it is made of: numba asks for its own file only."""
+    files = {f.__code__.co_filename for f in (function, *_called_by(function))}
+    digest = sha256(b"".join(Path(name).read_bytes() for name in sorted(files))).hexdigest()
+    named = FunctionType(function.__code__, function.__globals__, function.__name__)
+    named.__qualname__, named.__module__ = f"{function.__name__}_{digest[:16]}", function.__module__
+    return named
+
+
+def compiled(function: Function, *, cache: bool = False) -> Function:
     """A function with all that it calls compiled, under strict floating point: nothing is reordered, so that results
     do not depend on the compiler; divisions are NumPy's, which have no branch.
 
@@ -47,7 +74,7 @@ def compiled(function: Function) -> Function:
         else:
             register_jitable(**inline)(called)
         _known.add(called)
-    run: Function = numba.njit(error_model="numpy", nogil=True)(function)
+    run: Function = numba.njit(error_model="numpy", nogil=True, cache=cache)(function)
     return run
 
 

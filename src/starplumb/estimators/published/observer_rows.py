@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
@@ -50,7 +50,7 @@ E_E, AXES, FLOOR, SIGHTING_ROWS = 3, 6, 15, 16
 """Rows of a sighting behind e_K: e_E, the axes of J in E, the floor of gamma; and how many they are."""
 
 FEW = 8
-"""Trials up to which Python's own numbers are faster than rows (ten times for one; as fast for some fifteen)."""
+"""Trials up to which single numbers are faster than rows (ten times for one; as fast for some fifteen)."""
 Sighting = tuple[Triple, Triple, Triple, Triple, Triple, Row]
 """e_K, e_E, the axes of J in E in the order of the equations, the floor of gamma."""
 Update = Callable[[Six, Triple, Row, Row, Parameters], tuple[Six, Triple]]
@@ -181,28 +181,6 @@ def run_blocks(rows: Array, cycles: int, parameters: Parameters, trace: Array, u
             trace[cycle, :, start : start + count] = W[:4, :count]
 
 
-def run_one(rows: Array, cycles: int, parameters: Parameters, trace: Array, update: Update) -> None:
-    """:func:`run_blocks` of a single trial, ``rows`` (10 + 16 n,) and ``trace`` (cycles, 4), on Python's own numbers:
-    the same bits at a tenth of the time.
-
-    Raises ArithmeticError or ValueError where a row would hold an infinity or no number.
-    """
-    numbers = rows.tolist()
-    state: tuple[Any, Any] = tuple(numbers[:STATE]), tuple(numbers[STATE:STATE_ROWS])
-    sightings = [
-        _sighting(numbers[at : at + SIGHTING_ROWS]) for at in range(STATE_ROWS, len(numbers), SIGHTING_ROWS)
-    ]
-    for cycle in range(cycles):
-        for sighting in sightings:
-            state = corrected(*state, sighting, parameters, update)
-        trace[cycle] = state[0]
-
-
-def _sighting(numbers: list[float]) -> Sighting:
-    e_K, e_E, c1, c2, c3 = (tuple(numbers[at : at + 3]) for at in range(0, FLOOR, 3))
-    return cast("Sighting", (e_K, e_E, c1, c2, c3, numbers[FLOOR]))
-
-
 def form(factorised: bool) -> Update:
     """The form of (3): on U D U^T, or on the upper triangle of P."""
     return update_factorised if factorised else update_plain
@@ -223,15 +201,12 @@ def run(
     rows: Array, cycles: int, parameters: Parameters, trace: Array, factorised: bool, by_numba: bool
 ) -> None:
     """:func:`run_blocks` with the wanted form of (3): compiled with numba, in NumPy, or number by number where the
-    trials are too few for rows."""
+    trials are too few for rows (:mod:`starplumb.estimators.published.observer_singly`)."""
+    from .observer_singly import run_singly
+
     if by_numba:
         _compiled_run()(rows, cycles, parameters, trace, compiled_form(factorised))
         return
-    update, trials = form(factorised), rows.shape[1]
-    try:
-        for trial in range(trials if trials <= FEW else 0):
-            run_one(rows[:, trial], cycles, parameters, trace[:, :, trial], update)
-    except (ArithmeticError, ValueError):  # what diverges is for rows, which know infinities
-        trials = FEW + 1
-    if trials > FEW:
+    update = form(factorised)
+    if rows.shape[1] > FEW or not run_singly(rows, cycles, parameters, trace, update):
         run_blocks(rows, cycles, parameters, trace, update)
