@@ -3,7 +3,7 @@
     python benchmarks/felt.py compare 10 100 --beside ../before/src --rounds 3
 
 ``compare M K``: M images of K markers through every method of ``starplumb compare``, method by method.
-``study SCENARIO``: microseconds of least squares a trial of a scenario.
+``study SCENARIO [METHOD]``: microseconds of a method, by default least squares, a trial of a scenario.
 Each figure is the best of the rounds, which take the trees in turn, every one in a process of its own with one thread.
 Markdown on stdout.
 """
@@ -65,16 +65,17 @@ def compare(images: int, markers: int) -> Figures:
     return figures
 
 
-def study(name: str, batches: int = 3) -> Figures:
-    """Microseconds of least squares a trial, as a study of a scenario runs it."""
-    from starplumb.estimators.gls import Gls
+def study(name: str, method: str = "gls", batches: int = 3) -> Figures:
+    """Microseconds of a method a trial, as a study of a scenario runs it."""
+    from starplumb.estimators import METHODS
     from starplumb.io.scenario.read import find_scenario, load_scenario
     from starplumb.study.monte_carlo import SIGHTINGS_AT_ONCE, Study
 
     scenario = load_scenario(find_scenario(name))
     batch = min(4096, SIGHTINGS_AT_ONCE // scenario.truth.n)
-    plan = Study(scenario, {"gls": Gls()}, 1, batch)
-    estimator = getattr(plan, "estimators", plan.methods)["gls"]
+    batch = batch if method == "gls" else min(batch, 20)  # the others take run after run
+    plan = Study(scenario, {method: METHODS[method]()}, 1, batch)
+    estimator = getattr(plan, "estimators", plan.methods)[method]
     runs = [plan.measured(plan.generator(c), batch) for c in range(batches + 1)]
     estimator(*runs[0])
     return {"us a trial": min(timed(lambda r=r: estimator(*r))[0] for r in runs[1:]) / batch * 1e6}

@@ -11,7 +11,7 @@ from observer_loop import cycle_run
 from problems import C_EK_TRUE, FRAME, LINE, truth
 from starplumb.estimators.protocol import Status
 from starplumb.estimators.published import observer_rows as rows
-from starplumb.estimators.published import observer_singly as singly
+from starplumb.estimators.published import observer_run
 from starplumb.estimators.published.observer import Observer, describe
 from starplumb.physics import so3
 from starplumb.physics.errors import InputError
@@ -165,10 +165,10 @@ def test_a_batch_is_its_single_runs(rng):
 @pytest.mark.parametrize("factorised", [True, False])
 def test_numbers_one_by_one_are_the_bits_of_rows(factorised, rng):
     observer = Observer(cycles=3, factorised=factorised)
-    start, _ = observer._rows(measured(two_images(), rng, rows.FEW), C_EK_TRUE)
-    update, trace = rows.form(factorised), np.empty((2, 3, 4, rows.FEW))
+    start, _ = observer._rows(measured(two_images(), rng, observer_run.FEW), C_EK_TRUE)
+    update, trace = rows.form(factorised), np.empty((2, 3, 4, observer_run.FEW))
     rows.run_blocks(start, 3, observer.parameters, trace[0], update)
-    rows.run(start, 3, observer.parameters, trace[1], factorised, by_numba=False)
+    observer_run.run(start, 3, observer.parameters, trace[1], factorised, by_numba=False)
     np.testing.assert_array_equal(trace[1], trace[0])
 
 
@@ -178,7 +178,7 @@ def test_a_single_run_that_diverges_ends_as_rows_do():
     parameters = Observer().parameters
     with np.errstate(all="ignore"):
         rows.run_blocks(start, 1, parameters, trace[0], rows.update_plain)
-        rows.run(start, 1, parameters, trace[1], factorised=False, by_numba=False)
+        observer_run.run(start, 1, parameters, trace[1], factorised=False, by_numba=False)
     assert not np.all(np.isfinite(trace[0]))
     np.testing.assert_array_equal(trace[1], trace[0])
 
@@ -281,24 +281,24 @@ def test_one_run_has_the_same_bits_in_python_and_compiled(rng, monkeypatch):
     model = so3.exp(rng.standard_normal((2, 3)) * 10.0 * ARCMIN) @ C_EK_TRUE
     plain = Observer()(table, model)
     called = []
-    monkeypatch.setattr(singly, "TO_COMPILE", 0)
-    monkeypatch.setattr(singly, "_by_python", lambda *_: called.append(1))
-    monkeypatch.setattr(singly, "is_kept", lambda _: pytest.fail("asked where even compiling pays"))
+    monkeypatch.setattr(observer_run, "TO_COMPILE", 0)
+    monkeypatch.setattr(observer_run, "_by_python", lambda *_: called.append(1))
+    monkeypatch.setattr(observer_run, "is_kept", lambda _: pytest.fail("asked where even compiling pays"))
     np.testing.assert_array_equal(Observer()(table, model).trace_xyzw, plain.trace_xyzw)
     assert not called
-    assert is_kept(singly.by_numba)
+    assert is_kept(observer_run.one_run)
 
 
 def test_nothing_is_compiled_for_little_work_or_where_it_cannot_be_kept(rng, monkeypatch):
     table, model = measured(two_images(), rng, 1), so3.exp(np.array([1e-3, 0.0, 0.0])) @ C_EK_TRUE
     asked = []
-    monkeypatch.setattr(singly, "is_kept", lambda _: False)
-    monkeypatch.setattr(singly, "_compiled", lambda: asked.append(1))
+    monkeypatch.setattr(observer_run, "is_kept", lambda _: False)
+    monkeypatch.setattr(observer_run, "_compiled", lambda: asked.append(1))
     plain = Observer()(table, model)
-    monkeypatch.setattr(singly, "TO_LOAD", 0)
+    monkeypatch.setattr(observer_run, "TO_LOAD", 0)
     Observer()(table, model)
     assert not asked
-    monkeypatch.setattr(singly, "TO_COMPILE", 0)
+    monkeypatch.setattr(observer_run, "TO_COMPILE", 0)
     np.testing.assert_array_equal(Observer()(table, model).trace_xyzw, plain.trace_xyzw)
     assert asked
 

@@ -17,7 +17,8 @@ from ...table.observations import Observations
 from ...table.simulate import Errors, measure
 from ..protocol import AlignmentEstimate, Status, without_prior
 from ..usable import status_of
-from .observer_rows import SIGHTING_ROWS, STATE_ROWS, Parameters, run
+from .observer_rows import SIGHTING_ROWS, STATE_ROWS, Parameters
+from .observer_run import run
 
 Array = NDArray[np.float64]
 

@@ -49,8 +49,6 @@ STATE, STATE_ROWS = 4, 10
 E_E, AXES, FLOOR, SIGHTING_ROWS = 3, 6, 15, 16
 """Rows of a sighting behind e_K: e_E, the axes of J in E, the floor of gamma; and how many they are."""
 
-FEW = 8
-"""Trials up to which single numbers are faster than rows (ten times for one; as fast for some fifteen)."""
 Sighting = tuple[Triple, Triple, Triple, Triple, Triple, Row]
 """e_K, e_E, the axes of J in E in the order of the equations, the floor of gamma."""
 Update = Callable[[Six, Triple, Row, Row, Parameters], tuple[Six, Triple]]
@@ -190,23 +188,3 @@ def form(factorised: bool) -> Update:
 def compiled_form(factorised: bool) -> Update:
     """The form of (3) compiled with numba."""
     return compiled(form(factorised))
-
-
-@cache
-def _compiled_run() -> Callable[..., None]:
-    return compiled(run_blocks)
-
-
-def run(
-    rows: Array, cycles: int, parameters: Parameters, trace: Array, factorised: bool, by_numba: bool
-) -> None:
-    """:func:`run_blocks` with the wanted form of (3): compiled with numba, in NumPy, or number by number where the
-    trials are too few for rows (:mod:`starplumb.estimators.published.observer_singly`)."""
-    from .observer_singly import run_singly
-
-    if by_numba:
-        _compiled_run()(rows, cycles, parameters, trace, compiled_form(factorised))
-        return
-    update = form(factorised)
-    if rows.shape[1] > FEW or not run_singly(rows, cycles, parameters, trace, update):
-        run_blocks(rows, cycles, parameters, trace, update)

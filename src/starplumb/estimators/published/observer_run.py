@@ -1,7 +1,7 @@
-"""The fuzzy observer on few trials: number by number, in Python or compiled, whichever ends sooner; the same bits.
+"""The fuzzy observer is run in rows, or few trials number by number, by Python or compiled: whichever ends sooner.
 
-Compiling takes some seconds once.  What is compiled is kept beside this file, as Python keeps its own, and later
-processes load it.
+The bits are the same.  Compiling takes some seconds once; what is compiled is kept beside this file, as Python keeps
+its own, and later processes load it.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import Any, cast
 import numpy as np
 
 from ...physics.components import Array, four, six, three
-from ...solve.compiled import Function, is_kept, kept
+from ...solve.compiled import Function, compiled, is_kept, kept
 from .observer_rows import (
     AXES,
     E_E,
@@ -23,12 +23,35 @@ from .observer_rows import (
     Parameters,
     Sighting,
     Update,
+    compiled_form,
     corrected,
+    form,
+    run_blocks,
     update_factorised,
 )
 
+FEW = 8
+"""Trials up to which single numbers are faster than rows (ten times for one; as fast for some fifteen)."""
 TO_LOAD, TO_COMPILE = 80_000, 300_000
 """Sightings times cycles from which Python takes longer than numba and what is kept take to load, or to compile."""
+
+
+@cache
+def _compiled_blocks() -> Function:
+    return compiled(run_blocks)
+
+
+def run(
+    rows: Array, cycles: int, parameters: Parameters, trace: Array, factorised: bool, by_numba: bool
+) -> None:
+    """:func:`~starplumb.estimators.published.observer_rows.run_blocks` with the wanted form of (3): all compiled with
+    numba, else in NumPy, or one by one where the trials are too few for rows."""
+    if by_numba:
+        _compiled_blocks()(rows, cycles, parameters, trace, compiled_form(factorised))
+        return
+    update = form(factorised)
+    if rows.shape[1] > FEW or not run_singly(rows, cycles, parameters, trace, update):
+        run_blocks(rows, cycles, parameters, trace, update)
 
 
 def run_singly(rows: Array, cycles: int, parameters: Parameters, trace: Array, update: Update) -> bool:
@@ -51,13 +74,13 @@ def run_singly(rows: Array, cycles: int, parameters: Parameters, trace: Array, u
 def _pays(rows: Array, cycles: int) -> bool:
     """Whether compiled code ends sooner, with what it takes to have it."""
     work = cycles * (len(rows) - STATE_ROWS) // SIGHTING_ROWS * rows.shape[1]
-    return work > TO_COMPILE or (work > TO_LOAD and is_kept(by_numba))
+    return work > TO_COMPILE or (work > TO_LOAD and is_kept(one_run))
 
 
 @cache
 def _compiled() -> Function | None:
     """The compiled form, loaded; None where that cannot be had."""
-    fast = kept(by_numba)
+    fast = kept(one_run)
     try:
         if fast is not None:
             fast(np.zeros((STATE_ROWS, 1))[:, [0]], 0, (1.0, 1.0, 1.0, 1.0, 1.0), np.empty((0, STATE)))
@@ -87,7 +110,7 @@ def _sighting(numbers: list[float]) -> Sighting:
     return cast("Sighting", (e_K, e_E, c1, c2, c3, numbers[FLOOR]))
 
 
-def by_numba(rows: Array, cycles: int, parameters: Parameters, trace: Array) -> None:
+def one_run(rows: Array, cycles: int, parameters: Parameters, trace: Array) -> None:
     """The same as it is compiled, ``rows`` (10 + 16 n, 1), in the form on U D U^T."""
     q, P = four(rows, 0, 0), six(rows, STATE, 0)
     for cycle in range(cycles):
