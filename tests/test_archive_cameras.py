@@ -71,6 +71,7 @@ def made(tmp_path_factory):
     written(folder, mixed, "mixed", range(MOMENTS))
     written(folder, given, "before", [0, 1, 2])
     written(folder, given, "B only", [3, 4, 5], (1,))
+    written(folder, given, "A only", [3, 4, 5], (0,))
     return folder
 
 
@@ -207,3 +208,14 @@ def test_equations_about_the_cameras_survive_their_file(tmp_path, made):
     assert {"mounting", "mounting[B]", "mounting[C]"} < set(early["unknowns"])
     assert late["also"] == {}
     assert [name for name in late["unknowns"] if name.startswith("mounting")] == ["mounting[B]"]
+
+
+@pytest.mark.slow
+def test_one_moment_in_two_campaigns_is_said_to_count_twice(tmp_path, made):
+    """The first camera's images of three moments in one campaign, the second's of the same moments in another."""
+    archive = archive_of(tmp_path, made, "before", "B only")
+    assert archive.show(camera="A").document["status"] == "ok"
+    archive.add(made / "A only" / "result")
+    found = archive.show(camera="A").document
+    assert found["status"] == "weak"
+    assert "3 moments at which images were taken occur in several campaigns" in found["message"]

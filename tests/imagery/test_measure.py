@@ -15,6 +15,7 @@ from PIL import Image
 import starplumb as sp
 from command import starplumb
 from starplumb.documents.imagery.measure import MeasureDocument
+from starplumb.imagery.verdicts import Candidate, Verdict
 from starplumb.io.campaign.read import load_images
 from starplumb.io.imagery.config import ImageryConfig
 from starplumb.io.imagery.scene import raw_paths
@@ -183,3 +184,17 @@ def test_the_campaigns_own_folder_is_not_written_into(copy):
     assert "campaign.toml" in done.err
     assert (copy / "campaign.toml").read_text() == before
     assert not (copy / "measure.json").exists()
+
+
+def test_a_chip_of_other_ground_has_another_name():
+    """Images of two campaigns may bear one name, and chips of one number: an archive would take them for one marker."""
+    at = np.array([4.6e6, 4.0e5, 4.4e6])
+    here, again, there, lost = (
+        Candidate(0, 3, np.zeros(2), np.zeros(2), Verdict.USED, p_J=p_J)
+        for p_J in (at, at + 1e-5, at + np.array([0.0, 0.01, 0.0]), None)
+    )
+    names = [one.landmark_id("image01") for one in (here, again, there, lost)]
+    assert names[0] == names[1] != names[2]
+    assert all(re.fullmatch("image01-003-[0-9a-f]{6}", name) for name in names[:3])
+    assert names[3] == "image01-003"
+    assert replace(here, landmark="L7").landmark_id("image01") == "L7"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
+from hashlib import sha256
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,6 +60,16 @@ class Candidate:
     residual_px: Array | None = None
     check: bool = False
     landmark: str = ""
+
+    def landmark_id(self, image_id: str) -> str:
+        """The id of its landmark, which no other ground has: of a chip its image, its number, and a digest of its place
+        to the millimetre, for another campaign may give another image this name."""
+        if self.landmark:
+            return self.landmark
+        name = f"{image_id}-{self.number:03d}"
+        if self.p_J is None:
+            return name
+        return f"{name}-{sha256(np.rint(1e3 * self.p_J).astype('<i8').tobytes()).hexdigest()[:6]}"
 
     @property
     def covariance(self) -> Array:

@@ -89,7 +89,10 @@ class Equations:
 
     def only(self, names: Sequence[str]) -> Equations:
         """Over some blocks, in this order, the others eliminated with what was known of them."""
-        others = [name for name in self.blocks if name not in set(names)]
+        kept = set(names)
+        others = [name for name in self.blocks if name not in kept]
+        if not others:
+            return self._ordered(names)
         whole = self.with_known(others)
         k, r = whole.at(names), whole.at(others)
         N, b = whole.information, whole.vector
@@ -102,6 +105,13 @@ class Equations:
             whole.constant - float(b[r] @ S[:, -1]),
             whole.count - r.size,
         )
+
+    def _ordered(self, names: Sequence[str]) -> Equations:
+        """All blocks in another order."""
+        if list(self.blocks) == list(names):
+            return self
+        k, blocks = self.at(names), {name: self.blocks[name] for name in names}
+        return replace(self, blocks=blocks, information=self.information[np.ix_(k, k)], vector=self.vector[k])
 
     def about(self, C_EK: Array, references: Mapping[str, Array]) -> Equations:
         """The same about another mounting and other references of the blocks: ``z + A (x - d)``."""

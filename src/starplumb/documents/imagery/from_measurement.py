@@ -104,7 +104,7 @@ def _candidates(measured: Measured, image: MeasuredImage, predicted: Array) -> l
         rows.append(
             {
                 "image_id": name,
-                "landmark_id": c.landmark or f"{name}-{c.number:03d}",
+                "landmark_id": c.landmark_id(name),
                 "column_px": float(c.pixel[0] + shift),
                 "row_px": float(c.pixel[1] + shift),
                 "predicted_column_px": float(at[0] + shift),

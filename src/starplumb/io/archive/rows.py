@@ -273,6 +273,15 @@ def images_of(database: sqlite3.Connection, campaign: str) -> list[ImageRow]:
     return found
 
 
+def moments_again(database: sqlite3.Connection, chosen: Sequence[Entry]) -> int:
+    """How many moments have images in two or more of some campaigns."""
+    asked = (
+        f"SELECT count(*) FROM (SELECT t_ns FROM image WHERE campaign IN ({_marks(len(chosen))}) "
+        "GROUP BY t_ns HAVING count(DISTINCT campaign) > 1)"
+    )
+    return int(database.execute(asked, [entry.id for entry in chosen]).fetchone()[0])
+
+
 def equations_of(database: sqlite3.Connection, entry: Entry, camera: str) -> Equations:
     """The normal equations of a campaign about the mounting of a camera in its result, what its images share under
     names that are its own."""

@@ -124,7 +124,7 @@ class Measurement(Shown):
         extra = self.floor_px**2 * np.eye(2)
         return Marks(
             [self._name(image) for image, _ in used],
-            [c.landmark or landmark_id(self._name(image), c.number) for image, c in used],
+            [c.landmark_id(self._name(image)) for image, c in used],
             np.array([np.full(3, np.nan) if c.p_J is None else c.p_J for _, c in used]).reshape(-1, 3),
             np.array([c.pixel for _, c in used]).reshape(-1, 2) + self.loaded.shift_px,
             np.array([c.covariance for _, c in used]).reshape(-1, 2, 2) + extra,
@@ -251,8 +251,3 @@ def seen_of(landmarks: Landmarks, names: Sequence[str]) -> Landmarks:
         covariance_J=landmarks.covariance_J[chosen],
         sources=None,
     )
-
-
-def landmark_id(image_id: str, number: int) -> str:
-    """The id of the landmark of a chip, which no other image has."""
-    return f"{image_id}-{number:03d}"

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ...documents.cameras.mountings import joint_part
 from ...documents.numbers import numbers
-from ...io.archive.rows import Entry, Instrument, entries, equations_of
+from ...io.archive.rows import Entry, Instrument, entries, equations_of, moments_again
 from ...judge.consistency import IMPLAUSIBLE_P
 from ...judge.trust import NORMAL_95
 from ...mission.joint import MOUNTING, Equations, Joint, joint, shared_names
@@ -63,7 +63,19 @@ def standing(name: str, database: sqlite3.Connection, instrument: Instrument) ->
         )
     parts = tuple(equations_of(database, entry, instrument.frame_from) for entry in used)
     agreed, notices = _known_before(parts, used)
-    return Standing(used, parts, left, agreed, (*notices, *_near_ground(parts)))
+    again = _again(moments_again(database, used))
+    return Standing(used, parts, left, agreed, (*notices, *_near_ground(parts), *again))
+
+
+def _again(moments: int) -> tuple[str, ...]:
+    """Errors of attitude and orbit at a moment are in the equations of one campaign only."""
+    if not moments:
+        return ()
+    return (
+        f"{moments} moment{'s' * (moments != 1)} at which images were taken occur{'s' * (moments == 1)} in several "
+        "campaigns: their errors of attitude and orbit count as independent, and the sigmas are too small; wanted one "
+        "campaign of all images of a moment",
+    )
 
 
 def _near_ground(parts: Sequence[Equations]) -> tuple[str, ...]:
