@@ -20,14 +20,15 @@ from starplumb.io.scenario.candidates import (
     home_site,
     stage,
 )
-from starplumb.io.scenario.read import read_scenario
+from starplumb.io.scenario.read import find_scenario, read_scenario
+from starplumb.io.scenario.tied import tied_scenario
 from starplumb.physics.earth import C_JT, itrf_to_geodetic
 from starplumb.physics.units import ARCSEC, DEG
 from starplumb.plan.bound import bound_E
 from starplumb.plan.choice.certificate import Room, certificate
 from starplumb.plan.choice.ground import ground_weight
 from starplumb.plan.choice.information import Information
-from starplumb.plan.choice.kinds import USUAL, kinds
+from starplumb.plan.choice.kinds import TIES, USUAL, kinds
 from starplumb.plan.choice.pick import Design, Limits, State, best_first, exchange, greedy
 from starplumb.plan.choice.views import Sites, limits, slots, views
 from starplumb.session.planning.choice import covariance, picked
@@ -273,6 +274,37 @@ def test_kinds_part_the_views(small):
     assert np.all(found.site[usual] == 0)
     assert np.all(found.pitch[usual] == 0.0)
     assert np.all(found.yaw[usual] == 0.0)
+
+
+def test_tie_points_add_what_the_adjustment_says(small, monkeypatch):
+    """By the dense covariance and by elimination, which share nothing; seen in one image of a site they add nothing."""
+    flown, sites, _, found = small
+    home, far = np.flatnonzero(found.site == 0), np.flatnonzero(found.site == 1)
+    once = [np.array([home[0], far[0]])]
+    alone, tied = (
+        bound_E(chosen_scenario(flown, found, sites, *once)),
+        bound_E(tied_scenario(flown, found, sites, *once)),
+    )
+    np.testing.assert_allclose(tied, alone, rtol=1e-4, atol=1e-16)
+    scenario = tied_scenario(flown, found, sites, home[:4])
+    dense_E = bound_E(scenario)
+    monkeypatch.setattr("starplumb.plan.bound.MOST_SIGHTINGS", 0)
+    np.testing.assert_allclose(bound_E(scenario), dense_E, rtol=1e-5, atol=1e-16)
+
+
+@pytest.mark.slow
+def test_tie_points_cure_where_each_image_has_few_markers(tmp_path):
+    """One marker at the site says nothing of a turn about it: what ties the images together does."""
+    text = find_scenario("cubesat-6u").read_text(encoding="utf-8")
+    assert "count = [3, 3]" in text
+    path = tmp_path / "one.toml"
+    path.write_text(text.replace("count = [3, 3]", "count = [1, 1]"), encoding="utf-8")
+    found = sp.plan_images(sp.scenario(path), 8)
+    document = found.document
+    assert document["tie_points"]["rms_m"] < 0.5 * document["images"][-1]["rms_m"]
+    assert TIES in [kind["kind"] for kind in document["kinds"]]
+    assert any("with 25 tie points at each site the same images leave" in line for line in found.sentences)
+    PlanDocument.of(document)
 
 
 def test_best_first_is_the_greedy_order_of_the_same_images(rng):

@@ -33,7 +33,7 @@ class PlannedImage(Part):
 
 
 class KindOfView(Part):
-    """What so many images of a kind are worth after those of ``before``."""
+    """What so many images of a kind are worth after those of ``before``; tie points in these are a kind of none."""
 
     kind: str
     images: int
@@ -77,6 +77,15 @@ class UsualPart(Part):
     rms_m: Number
 
 
+class TiesPart(Part):
+    """The chosen images with so many tie points at ``each`` site: places that nobody surveyed, measured in all its
+    images as well as markers are."""
+
+    each: int
+    sigma_arcsec: Triple
+    rms_m: float
+
+
 class ReachedPart(Part):
     """Whether the wanted sigma about each axis is reached, or else what limits."""
 
@@ -109,6 +118,7 @@ class PlanDocument(Document):
     images: list[PlannedImage]
     bound: BoundPart
     usual: UsualPart
+    tie_points: TiesPart | None = None
     checked: CheckedPart
     shared_errors: dict[str, float]
     target: ReachedPart | None

@@ -278,11 +278,11 @@ def chosen_scenario(s: Stage, views: Views, sites: Sites, picks: Index) -> Scena
     number = np.unique(views.pass_of[picks], return_inverse=True)[1]
     sources = error_sources(s.config, Flight(observe(campaign), campaign, number))
     if on is not None:
-        sources = tuple(_by_site(source, s.config, on.site) for source in sources)
+        sources = tuple(by_site(source, s.config, on.site) for source in sources)
     return Scenario.of(campaign, sources, description=s.config.scenario.description)
 
 
-def _by_site(source: Source, config: ScenarioConfig, site: Index) -> Source:
+def by_site(source: Source, config: ScenarioConfig, site: Index) -> Source:
     """A survey error that markers share is one of each site's survey."""
     error = config.truth.get(source.name)
     if error is None or error.error != "landmark" or error.shared_by != "campaign":

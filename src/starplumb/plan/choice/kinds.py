@@ -19,6 +19,9 @@ NEAR_NADIR, UNTURNED, SAME_PHASE = 3.0 * DEG, 1.0 * DEG, 30.0 * DEG
 """Pitch, turn about the boresight and argument of latitude that a view of the usual kind may differ by."""
 USUAL = "the usual view: the home site abeam, unturned"
 
+TIES = "tie points in the images there are"
+"""Places that nobody surveyed, measured in all images of a site: no kind of view."""
+
 
 def kinds(views: Views) -> dict[str, Mask]:
     """Which views are of each kind.  The usual one looks straight across the track at the home site, unturned."""

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...io.scenario.candidates import Stage, agility, candidate_information, chosen_scenario, height_of
+from ...io.scenario.tied import tied_scenario
 from ...judge.motion.regressors import When
 from ...physics.errors import InputError
 from ...physics.units import ARCSEC, DEG
@@ -17,7 +18,7 @@ from ...plan.choice.certificate import Certificate, Room, certificate
 from ...plan.choice.drift import detectable
 from ...plan.choice.ground import ground_weight
 from ...plan.choice.information import Information
-from ...plan.choice.kinds import Cure, cures, shares, usual
+from ...plan.choice.kinds import TIES, Cure, cures, shares, usual
 from ...plan.choice.pick import Design, Limits, State, best_first, exchange, greedy
 from ...plan.choice.views import Sites, Views, limits, slots, views
 from ...plan.scenario import Scenario
@@ -37,6 +38,8 @@ SWEEPS = 5
 """So many times at most."""
 LITTLE_WORK, BEGINNINGS = 6_000, 12
 """Images times candidates up to which so many first images are tried."""
+MOST_TIED, MOST_SIGHTINGS = 40, 1500
+"""Images, and sightings with the tie points in them, up to which tie points are looked at: a second of computing."""
 WATCHED = 24
 """Images after each of which the detectable motion is found; of more, after so many of them."""
 
@@ -106,8 +109,22 @@ class Choice:
 
     @cached_property
     def cures(self) -> tuple[Cure, ...]:
-        """What a few more images of each kind are worth."""
-        return cures(self.design, self.views, self.limits, list(self.before), FEW)
+        """What a few more images of each kind are worth, and tie points in those that there are; the best first."""
+        found = cures(self.design, self.views, self.limits, list(self.before), FEW)
+        P = self.tied(self.before)
+        ties = () if P is None else (Cure(TIES, 0, self.design.value(P)),)
+        return tuple(sorted((*found, *ties), key=lambda cure: cure.value))
+
+    def tied(self, picks: tuple[int, ...]) -> Array | None:
+        """Covariance (3, 3) of the mounting after some images, were there tie points at each site too; None where no
+        two of them are of one site, or they are too many to say."""
+        sites = self.views.site[list(picks)]
+        if np.unique(sites).size == sites.size or len(picks) > MOST_TIED:
+            return None
+        found = tied_scenario(self.stage, self.views, self.sites, np.array(picks))
+        if found.truth.n > MOST_SIGHTINGS:
+            return None
+        return np.linalg.inv(np.linalg.inv(bound_E(found)) + np.linalg.inv(self.design.P_theta))
 
     def shares(self, picks: tuple[int, ...], axis_E: Array) -> dict[str, float]:
         """By which part the variance along an axis would fall after some images, were a source known."""

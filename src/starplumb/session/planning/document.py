@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...documents.numbers import numbers
+from ...io.scenario.tied import ACROSS
 from ...physics.earth import itrf_to_geodetic
 from ...physics.timescales import format_iso
 from ...physics.units import ARCSEC, DEG
-from ...plan.choice.kinds import USUAL
+from ...plan.choice.kinds import TIES, USUAL
 from ...plan.scene import epochs_ns
 from ...study.budget_document import about
 from .choice import Choice
@@ -64,6 +65,7 @@ def document(found: Choice, given: str | None, notices: Sequence[str]) -> dict[s
             "rounds": found.certificate.rounds,
         },
         "usual": _usual(found),
+        "tie_points": _ties(found),
         "checked": _checked(found),
         "shared_errors": found.shares(found.picks, axis),
         "target": None if found.asked.sigma <= 0.0 else _target(found, last),
@@ -142,6 +144,12 @@ def _usual(found: Choice) -> dict[str, Any]:
     return {"images": len(found.usual), "rms_m": None if P is None else found.rms(P)}
 
 
+def _ties(found: Choice) -> dict[str, Any] | None:
+    """What tie points at each site would add to the images chosen; null where that cannot be said."""
+    P = found.tied(found.picks)
+    return None if P is None else {"each": ACROSS**2, "sigma_arcsec": _sigma(P), "rms_m": found.rms(P)}
+
+
 def _checked(found: Choice) -> dict[str, Any]:
     P = found.checked_E
     return {
@@ -196,6 +204,14 @@ def _cure(found: Choice) -> Iterator[str]:
         return
     best, usual = found.cures[0], next((c for c in found.cures if c.kind == USUAL), None)
     rms = float(np.sqrt(best.value))
+    if best.kind == TIES:
+        other = found.cures[1]
+        yield (
+            f"cured by tie points: {ACROSS**2} places at each site that nobody surveyed, measured in all images of it "
+            f"that there are, leave {rms:.3g} m; {other.count} more images, {other.kind}, "
+            f"{float(np.sqrt(other.value)):.3g} m"
+        )
+        return
     worth = (
         f"{best.count} image{'s' * (best.count != 1)} of that kind leave{'s' * (best.count == 1)} {rms:.3g} m"
     )

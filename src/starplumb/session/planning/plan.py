@@ -25,7 +25,7 @@ from ..result import Result
 from ..scenario import Scenario
 from ..show import Shown
 from .choice import Asked, choose
-from .document import SCHEMA, document
+from .document import SCHEMA, WORTH_SAYING, document
 
 Array = NDArray[np.float64]
 Images = Annotated[int, Wanted("a whole number from 1 to 1000", lambda value: 1 <= value <= 1000)]
@@ -111,6 +111,11 @@ class Plan(Shown):
             f"{rms:.3g} m; no choice of as many can leave less than {bound['rms_m']:.3g} m "
             f"(this one is within {max(bound['within_percent'], 0.1):.2g} %)"
         )
+        ties = d["tie_points"]
+        if ties is not None and rms > WORTH_SAYING * ties["rms_m"]:
+            lines.append(
+                f"with {ties['each']} tie points at each site the same images leave {ties['rms_m']:.3g} m"
+            )
         if usual["rms_m"] is not None:
             lines.append(f"{usual['images']} views of the usual kind would leave {usual['rms_m']:.3g} m")
         if d["target"] is not None:
