@@ -4,6 +4,7 @@ python benchmarks/plan.py speed        10 000 candidates, 100 images, in CPU sec
 python benchmarks/plan.py small        the best of all choices of small cases
 python benchmarks/plan.py sampled      the planned accuracy against 8000 simulated campaigns
 python benchmarks/plan.py missions     the gain against views abeam of the home site, three shipped missions
+python benchmarks/plan.py nadir        the gain against views of the home site from almost straight above
 """
 
 from __future__ import annotations
@@ -49,7 +50,7 @@ UNKNOWNS: dict[str, dict[str, Any]] = {
 
 
 def main() -> None:
-    kinds = {"speed": speed, "small": small, "sampled": sampled, "missions": missions}
+    kinds = {"speed": speed, "small": small, "sampled": sampled, "missions": missions, "nadir": nadir}
     for name in sys.argv[1:] or kinds:
         kinds[name]()
 
@@ -202,6 +203,47 @@ def _mission(name: str, days: float, more: bool) -> tuple[str, ...]:
     rms = [abeam["rms_m"], home["images"][-1]["rms_m"], found["images"][-1]["rms_m"], found["bound"]["rms_m"]]
     errors = "with clock, survey, drift" if more else "as shipped"
     return name, errors, str(n), *(f"{x:.3g} m" for x in rms), f"{rms[0] / rms[2]:.2f}"
+
+
+def nadir(days: float = 60.0, look_deg: float = 5.0) -> None:
+    """As many images as the home site can be seen from within so much of the vertical, once so and once as planned."""
+    head = (
+        "mission",
+        "errors",
+        "images",
+        "home from above",
+        "home abeam",
+        "planned, home",
+        "planned, six sites",
+        "gain",
+    )
+    print("\n| " + " | ".join(head) + " |\n" + "|---" * len(head) + "|")
+    for name in ("cubesat-6u", "vhr-0.3m", "wide-swath"):
+        for errors, more in (
+            ("as shipped", {}),
+            ("with a clock", {"clock offset": UNKNOWNS["clock offset"]}),
+            ("with clock, survey, drift", UNKNOWNS),
+        ):
+            print(
+                "| " + " | ".join((name, errors, *_from_above(name, more, days, look_deg))) + " |", flush=True
+            )
+
+
+def _from_above(name: str, more: dict[str, Any], days: float, look_deg: float) -> tuple[str, ...]:
+    document = read_toml(find_scenario(name))
+    document.setdefault("site", {"latitude_deg": 43.56, "longitude_deg": 4.86})
+    document["truth"] |= more
+    steep = document | {"plan": document.get("plan", {}) | {"max_look_deg": look_deg}}
+    above = sp.plan_images(sp.scenario(steep), 40, days=days).document["usual"]
+    scenario, n = sp.scenario(document), above["images"]
+    with TemporaryDirectory() as folder:
+        table = Path(folder) / "sites.csv"
+        table.write_text(SITES, encoding="utf-8")
+        home = sp.plan_images(scenario, n, days=days).document
+        found = sp.plan_images(scenario, n, sites=table, days=days).document
+    last = [plan["images"][-1]["rms_m"] for plan in (home, found)]
+    rms = [above["rms_m"], home["usual"]["rms_m"], *last]
+    return str(n), *(f"{x:.3g} m" for x in rms), f"{rms[0] / rms[3]:.2f}"
 
 
 if __name__ == "__main__":
