@@ -200,7 +200,7 @@ def words(found: Choice) -> Iterator[str]:
 
 
 def _cure(found: Choice) -> Iterator[str]:
-    if not found.cures:
+    if not [cure for cure in found.cures if cure.kind != TIES]:
         return
     best, usual = found.cures[0], next((c for c in found.cures if c.kind == USUAL), None)
     rms = float(np.sqrt(best.value))
