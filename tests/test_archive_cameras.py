@@ -219,3 +219,49 @@ def test_one_moment_in_two_campaigns_is_said_to_count_twice(tmp_path, made):
     found = archive.show(camera="A").document
     assert found["status"] == "weak"
     assert "3 moments at which images were taken occur in several campaigns" in found["message"]
+
+
+@pytest.mark.slow
+def test_a_prior_of_several_cameras_is_their_sum(made):
+    """One campaign after the other: the whole covariance of all mountings passes on, to a thousandth of a sigma."""
+    one = json.loads((made / "all" / "result" / "result.json").read_text())
+    first, campaign = (sp.read_campaign(made / name / "campaign.toml") for name in ("one", "two"))
+    for prior in (made / "one" / "result" / "result.json", sp.calibrate(first, method="gls")):
+        found = sp.calibrate(campaign, method="gls", prior=prior)
+        assert found.status == "ok", found.message
+        for mine, wanted in zip(found.document["mountings"], one["mountings"], strict=True):
+            same(mine, wanted, 2e-3)
+        np.testing.assert_allclose(
+            found.document["mountings_covariance_arcsec2"],
+            one["mountings_covariance_arcsec2"],
+            rtol=4e-3,
+            atol=5e-3,
+        )
+        assert found.document["fit"]["degrees_of_freedom"] == 2 * found.document["fit"]["observations"]
+
+
+@pytest.mark.slow
+def test_a_prior_of_another_mounting_against_the_first_is_contradicted(tmp_path, made):
+    """The third camera turned by a minute since, the first one not."""
+    shutil.copytree(made / "one", tmp_path / "one")
+    path = tmp_path / "one" / "result" / "result.json"
+    document = json.loads(path.read_text())
+    turned = so3.exp(np.array([60.0, 0.0, 0.0]) * ARCSEC) @ np.array(document["mountings"][2]["matrix"])
+    document["mountings"][2] |= {
+        "matrix": turned.tolist(),
+        "quaternion_xyzw": so3.to_quaternion(turned).tolist(),
+    }
+    path.write_text(json.dumps(document))
+    found = sp.calibrate(sp.read_campaign(made / "two" / "campaign.toml"), method="gls", prior=path)
+    assert found.status in ("weak", "refuted")
+    assert f"the data contradict the prior {path}" in found.message
+
+
+@pytest.mark.slow
+def test_one_camera_takes_its_part_of_a_prior_of_several(made):
+    only = made / "B only" / "campaign.toml"
+    prior = made / "one" / "result" / "result.json"
+    alone, found = (sp.calibrate(sp.read_campaign(only), method="gls", prior=p) for p in (None, prior))
+    before = json.loads(prior.read_text())["mountings"][1]
+    N = [np.linalg.inv(one) for one in (alone.covariance_arcsec2, before["covariance_arcsec2"])]
+    np.testing.assert_allclose(found.covariance_arcsec2, np.linalg.inv(N[0] + N[1]), rtol=5e-3, atol=1e-3)

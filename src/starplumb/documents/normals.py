@@ -157,7 +157,8 @@ def _common(fit: Fit, surveys: Sequence[str], turned: Turned | None) -> tuple[li
     information, step = fit.whole.prior
     reference = np.concatenate([np.zeros(3), fit.state.values, np.zeros(len(shared))])
     known = bool(np.any(information[:3, :3]))
-    P = np.asarray(np.linalg.inv(information[:3, :3]) / ARCSEC**2) if known else None
+    # of several cameras the first one's part of what is known: less than all of it, never more
+    P = np.asarray(np.linalg.inv(information)[:3, :3] / ARCSEC**2) if known else None
     blocks = [_block(MOUNTING, "arcsec", np.zeros(3), step[:3] / ARCSEC, P)]
     labels = [*names, *_shared_labels(shared, surveys)]
     cameras = {} if turned is None else dict(zip(turned.at[:, 0].tolist(), _cameras(turned), strict=True))

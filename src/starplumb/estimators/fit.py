@@ -13,6 +13,7 @@ from ..physics import so3
 from ..solve.adjustment import Adjustment
 from ..solve.problem import Linear, Problem, TestedPart
 from ..solve.reliability import Tested
+from ..table.cameras.mounting import CAMERA_MOUNTING
 from ..table.observations import Observations
 from ..table.parameters import Parameter
 from ..table.seen import ImageErrors
@@ -83,7 +84,18 @@ class Unknowns:
         diagonal = np.arange(3, width)
         information[..., diagonal, diagonal] = np.concatenate([held**-2.0, np.ones(common)])
         step[..., 3 : 3 + p] = -state.values
+        at, known = self.of_mountings, o.rig_known
+        if known is not None and o.C_KC is not None and at.size == len(known.covariance_E):
+            c = so3.log(state.C_EK @ C_EK_model.mT)
+            values = state.values[at[3:] - 3].reshape(-1, 3)
+            information[np.ix_(at, at)], step[at] = known.prior(c, C_EK_model, o.C_KC, values)
         return information, step
+
+    @property
+    def of_mountings(self) -> Index:
+        """Where the mountings stand among the unknowns: the first camera's three, then those of further ones."""
+        further = [3 + i for i, name in enumerate(self.names) if name.startswith(CAMERA_MOUNTING)]
+        return np.array([0, 1, 2, *further])
 
 
 def mounting_prior(observations: Observations, C_EK: Array, C_EK_model: Array) -> tuple[Array, Array] | None:

@@ -148,6 +148,7 @@ class Gls:
         )
         seen = np.broadcast_to(np.sum(o.weight > 0.0, axis=-1), status.shape)
         free = 3 * (o.prior_E is None) + int(np.sum(~np.isfinite(self.unknowns.sigma)))
+        free -= 0 if o.rig_known is None else len(self.unknowns.of_mountings) - 3
         return AlignmentEstimate(
             state.C_EK,
             covariance_E,

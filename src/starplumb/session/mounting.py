@@ -19,6 +19,7 @@ from ..physics.units import ARCSEC
 from ..table.cameras.views import of_camera
 from .campaign import Campaign
 from .result import Result
+from .rig_before import RigBefore
 
 Array = NDArray[np.float64]
 
@@ -77,21 +78,33 @@ def _model(campaign: Campaign, *notices: str) -> Mounting:
     return Mounting(campaign.C_EK, prior_E, "model with its stated sigma", notices)
 
 
-def known_before(campaign: Campaign, result: Result | str | Path) -> tuple[Mounting, Mapping[str, str]]:
-    """The mounting of an earlier result, as a prior, and the digests of what that was made from.
+def known_before(
+    campaign: Campaign, result: Result | str | Path
+) -> tuple[Mounting, Mapping[str, str], RigBefore | None]:
+    """The mounting of an earlier result, as a prior, the digests of what that was made from, and the mountings of all
+    its cameras where it has several.
 
     One that rests keeps its covariance, as the model has it: that of the two campaigns is then the joint one.  Raises
     InputError where it cannot be used.
     """
+    own = _first_named(campaign)
     if isinstance(result, Result):
-        document, mounting = _result(campaign, result)
+        document, mounting = _result(own, result)
         inputs: Mapping[str, str] = result.campaign.loaded.inputs
+        rig = RigBefore.of(ResultDocument.of(result.document))
     else:
-        document = _document(campaign, Path(result))
+        document = _document(own, Path(result))
         mounting, inputs = _of_document(document, Path(result)), document.inputs
+        rig = RigBefore.of(ResultDocument.from_json(read_text(Path(result)), str(result)))
     if not rests(document):
-        return _at_image(campaign, document, mounting, FIRST), inputs
-    return replace(mounting, notices=_at_rest(campaign, document)), inputs
+        return _at_image(campaign, document, mounting, FIRST), inputs, rig
+    return replace(mounting, notices=_at_rest(campaign, document)), inputs, rig
+
+
+def _first_named(campaign: Campaign) -> Campaign:
+    """The campaign as that of its first camera, where that has a name, by which a result of several is looked into."""
+    rig = campaign.loaded.campaign.rig
+    return campaign if rig is None else replace(campaign, camera=rig.names[0])
 
 
 def _at_rest(campaign: Campaign, document: ResultDocument) -> tuple[str, ...]:
@@ -126,7 +139,7 @@ def _result(campaign: Campaign, result: Result) -> tuple[ResultDocument, Mountin
 
 def _of_camera(campaign: Campaign, document: ResultDocument, where: str) -> ResultDocument:
     """The result of the campaign's camera, where it is that of one of several."""
-    if campaign.camera is None:
+    if campaign.camera is None or (document.mountings is None and document.mounting.from_ == campaign.camera):
         return document
     try:
         return document.of_camera(campaign.camera)

@@ -68,7 +68,7 @@ def with_prior(campaign: Campaign, result: Result | str | Path) -> tuple[Campaig
             f"{campaign.source}: mounting.sigma_arcsec: found beside the prior of an earlier result, "
             "wanted only one of the two"
         )
-    mounting, made_from = known_before(campaign, result)
+    mounting, made_from, rig = known_before(campaign, result)
     if isinstance(result, Result):
         prior, inputs = Prior("the prior", _landmarks_of(result)), {}
     else:
@@ -78,11 +78,12 @@ def with_prior(campaign: Campaign, result: Result | str | Path) -> tuple[Campaig
         prior, inputs = Prior(f"the prior {path}", _landmarks_beside(path)), {str(path): fingerprint(path)}
     prior = replace(prior, notices=mounting.notices)
     _require_other_sightings(campaign, made_from, prior.name)
+    own, P = loaded.campaign.rig, mounting.covariance_E
+    if own is not None and own.several and rig is not None and P is not None:
+        own = rig.known_of(own, P)
+        P = None if own.known_E is None else own.known_E[:3, :3]
     known = replace(
-        loaded.campaign,
-        C_EK=mounting.C_EK,
-        covariance_mounting=mounting.covariance_E,
-        known_from=prior.name,
+        loaded.campaign, C_EK=mounting.C_EK, covariance_mounting=P, known_from=prior.name, rig=own
     )
     return replace(campaign, loaded=replace(loaded, campaign=known, inputs=loaded.inputs | inputs)), prior
 

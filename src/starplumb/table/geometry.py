@@ -13,6 +13,7 @@ from ..physics.earth import intersect_ellipsoid
 from ..physics.errors import EpochError, InputError
 from ..physics.light import Corrections, apparent_direction
 from ..physics.orientation import C_IF
+from .cameras.known import RigKnown
 from .cameras.views import moments
 from .campaign import Campaign
 from .equation import pixel_residual, predict
@@ -125,6 +126,7 @@ def observe(campaign: Campaign) -> Observations:
         epoch_s=np.asarray((campaign.images.t_ns - campaign.images.t_ns[:1]) / 1e9),
         camera=None if rig is None else rig.of_image[s.image],
         C_KC=None if rig is None else rig.C_KC,
+        rig_known=None if rig is None or rig.known_E is None else RigKnown(rig.C_KC, rig.known_E),
     )
 
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ..physics.covariance import pixel_covariance, pixel_root
 from ..physics.light import Corrections, apparent_direction
+from .cameras.known import RigKnown
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -46,7 +47,8 @@ class Observations:
     (p,) names the source of each, None where that is not known.
 
     Of several cameras ``camera`` (n,) says which took each sighting, and ``C_KC`` (..., k, 3, 3) takes coordinates from
-    the frame C of each, in which its tangents are, to that of the first, K; None for one camera.
+    the frame C of each, in which its tangents are, to that of the first, K; None for one camera.  ``rig_known`` is what
+    was known of all their mountings, in place of ``prior_E``, which is then the first one's part of it.
 
     ``corrections`` are those in ``e_E``.  ``prior_E`` (3, 3) rad^2 is what was known of the model mounting's error
     ``theta_E``, None for nothing.  ``epoch_s`` (m,) is each image's time after the first one listed, s, None where
@@ -79,6 +81,7 @@ class Observations:
     ellipse: Array | None = None
     camera: Index | None = None
     C_KC: Array | None = None
+    rig_known: RigKnown | None = None
 
     def __post_init__(self) -> None:
         n = self.image.size

@@ -92,7 +92,7 @@ class Jointly:
 def _of_camera(o: Observations, k: int) -> Observations:
     """The table of one camera."""
     mine = o.select(np.flatnonzero(o.camera == k))
-    return replace(mine, camera=None, C_KC=None, prior_E=o.prior_E if k == 0 else None)
+    return replace(mine, camera=None, C_KC=None, rig_known=None, prior_E=o.prior_E if k == 0 else None)
 
 
 def _started(o: Observations, C_EK: Array, alone: dict[int, Array]) -> Array:

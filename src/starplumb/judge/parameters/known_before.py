@@ -16,15 +16,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ...estimators.protocol import AlignmentEstimate
+from ...estimators.protocol import AlignmentEstimate, ParameterVector
 from ...physics import so3
 from ...physics.units import ARCSEC
 from ...table.observations import Observations
 from ...table.parameter_names import UNITS, unit_of
 from ..trust import NORMAL_95, Finding, probability
-from .separability import in_words
+from .separability import in_words, of_camera
 
 Array = NDArray[np.float64]
+Index = NDArray[np.int64]
 
 CONTRADICTED_P = 1e-4
 """Probability of a difference at least this large below which the data contradict what was known."""
@@ -34,22 +35,23 @@ NOTHING = 1e-6
 
 @dataclass(frozen=True)
 class Known:
-    """What was known of the unknowns from ``first``: their covariance (q, q), and ``said``, where and how well."""
+    """What was known of the unknowns ``at`` (q,): their covariance (q, q), and ``said``, where and how well."""
 
-    first: int
+    at: Index
     covariance: Array
     said: str
     unit: tuple[str, float]
 
     @property
-    def at(self) -> slice:
-        return slice(self.first, self.first + len(self.covariance))
+    def block(self) -> tuple[Index, Index]:
+        """Where their part of a matrix stands."""
+        return self.at[:, None], self.at
 
     def probability(self, x: Array, C: Array) -> float:
         """Of a difference at least as large as that of the estimate."""
         from ...solve.probability import chdtrc
 
-        spread, axes = np.linalg.eigh(self.covariance - C[self.at, self.at])
+        spread, axes = np.linalg.eigh(self.covariance - C[self.block])
         told = spread > NOTHING * np.trace(self.covariance)
         square = float(np.sum((axes.T @ x[self.at])[told] ** 2 / spread[told]))
         return float(chdtrc(int(np.sum(told)), square)) if np.any(told) else 1.0
@@ -72,19 +74,35 @@ def contradicted(
     p = estimate.parameters
     if p is not None:
         x, C = np.concatenate([x, p.values]), p.covariance
-    found = [(known, known.probability(x, C)) for known in _known(o, estimate, known_from)]
+    found = [(known, known.probability(x, C)) for known in _known(o, C_EK_model, estimate, known_from)]
     wrong = [(known, chance) for known, chance in found if chance < CONTRADICTED_P]
     if not wrong:
         return []
-    half_E = _alone(x, C, [known for known, _ in wrong])[:3]
+    half_E = _of_all(_alone(x, C, [known for known, _ in wrong]), C, p)
     return [Finding(known.sentence(x, chance), True, half_E=half_E) for known, chance in wrong]
 
 
-def _known(o: Observations, estimate: AlignmentEstimate, known_from: str) -> Iterator[Known]:
+def _of_all(half: Array, C: Array, p: ParameterVector | None) -> Array:
+    """Half-widths (3,) of the first camera's interval, by as many sigmas as any camera's mounting must have: theirs are
+    as wide."""
+    at = [*range(3), *([] if p is None else [3 + i for i, name in enumerate(p.names) if of_camera(name)])]
+    sigma = np.sqrt(np.diagonal(C))
+    if len(at) == 3:
+        return half[:3]
+    return np.asarray(np.maximum(half[:3], np.max(half[at] / sigma[at]) * sigma[:3]))
+
+
+def _known(
+    o: Observations, C_EK_model: Array, estimate: AlignmentEstimate, known_from: str
+) -> Iterator[Known]:
+    p = estimate.parameters
     if o.prior_E is not None:
         sigma = ", ".join(f"{s:.3g}" for s in np.sqrt(np.diagonal(o.prior_E)) / ARCSEC)
-        yield Known(0, o.prior_E, f"{known_from} ({sigma} arcsec)", ("arcsec", ARCSEC))
-    p = estimate.parameters
+        at, P = np.arange(3), o.prior_E
+        if o.rig_known is not None and p is not None:
+            further = [3 + i for i, name in enumerate(p.names) if of_camera(name)]
+            at, P = np.array([0, 1, 2, *further]), o.rig_known.of_unknowns(C_EK_model)
+        yield Known(at, P, f"{known_from} ({sigma} arcsec)", ("arcsec", ARCSEC))
     if p is None:
         return
     for k, (name, sigma_0) in enumerate(zip(p.names, p.prior_sigma.tolist(), strict=True), start=3):
@@ -93,7 +111,10 @@ def _known(o: Observations, estimate: AlignmentEstimate, known_from: str) -> Ite
             unit = UNITS[name_of_unit]
             stated = f"{sigma_0 / unit:.3g} {name_of_unit}".rstrip()
             yield Known(
-                k, np.array([[sigma_0**2]]), f"the {stated} stated of {in_words(name)}", (name_of_unit, unit)
+                np.array([k]),
+                np.array([[sigma_0**2]]),
+                f"the {stated} stated of {in_words(name)}",
+                (name_of_unit, unit),
             )
 
 
@@ -101,7 +122,7 @@ def _alone(x: Array, C: Array, wrong: list[Known]) -> Array:
     """Half-widths (k,) about the estimate of intervals that hold what the data say without what is contradicted."""
     information = np.zeros_like(C)
     for known in wrong:
-        information[known.at, known.at] = np.linalg.inv(known.covariance)
+        information[known.block] = np.linalg.inv(known.covariance)
     scale = np.sqrt(np.diagonal(C))
     L = scale[:, None] * np.linalg.cholesky(C / scale / scale[:, None])
     share, axes = np.linalg.eigh(np.eye(len(C)) - L.T @ information @ L)

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...estimators.protocol import AlignmentEstimate, ParameterVector, Status
+from ...table.cameras.mounting import CAMERA_MOUNTING
 from ...table.observations import Observations
 from ..trust import Finding
 
@@ -122,7 +123,7 @@ def in_words(name: str) -> str:
 
 def of_camera(name: str) -> bool:
     """Whether a parameter is of the mounting of a further camera."""
-    return name.startswith("camera_")
+    return name.startswith(CAMERA_MOUNTING)
 
 
 def undetermined_cameras(p: ParameterVector) -> list[Finding]:

@@ -17,6 +17,9 @@ Array = NDArray[np.float64]
 RANGE = 10.0 * DEG
 """Largest error of a model mounting that makes sense."""
 
+CAMERA_MOUNTING = "camera_"
+"""How the names of its parameters begin."""
+
 
 @dataclass(frozen=True)
 class CameraMounting:
@@ -39,7 +42,7 @@ class CameraMounting:
 
     @property
     def names(self) -> tuple[str, ...]:
-        return tuple(f"camera_{self.name}_{axis}" for axis in "xyz")
+        return tuple(f"{CAMERA_MOUNTING}{self.name}_{axis}" for axis in "xyz")
 
     @property
     def sigma(self) -> tuple[float, ...]:

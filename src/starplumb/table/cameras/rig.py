@@ -18,13 +18,15 @@ class Rig:
     """k cameras, known by ``names``, the first being the one that a campaign's ``camera`` and ``C_EK`` are of.
 
     ``C_KC`` (k, 3, 3) takes coordinates from the frame C of each to that of the first, K, by the model mountings:
-    ``C_EC = C_EK C_KC``.  ``of_image`` (m,) says which camera took each image.
+    ``C_EC = C_EK C_KC``.  ``of_image`` (m,) says which camera took each image.  ``known_E`` (3 k, 3 k) rad^2 is the
+    covariance of what was known of all mountings beforehand, None for nothing.
     """
 
     names: tuple[str, ...]
     cameras: tuple[Camera, ...]
     C_KC: Array
     of_image: Index
+    known_E: Array | None = None
 
     def __post_init__(self) -> None:
         k = len(self.names)
