@@ -344,6 +344,33 @@ def test_the_command_writes_a_plan_and_says_what_limits(tmp_path):
 
 
 @pytest.mark.slow
+def test_an_archive_of_several_satellites_is_asked_for_one(tmp_path):
+    archive = sp.open_archive(tmp_path / "fleet.db", create=True)
+    for name, seed in (("S1", 1), ("S2", 2)):
+        archive.add(sp.calibrate(sp.demo(images=3, seed=seed)), satellite=name)
+    asked = (
+        "plan",
+        "cubesat-6u",
+        "-n",
+        1,
+        "--days",
+        10,
+        "--given",
+        archive.path,
+        "--start",
+        "2026-03-20T00:00:00",
+    )
+    done = starplumb(*asked)
+    assert done.status == 2
+    assert "--satellite: found several mountings" in done.err
+    found = json.loads(starplumb(*asked, "--satellite", "S2", "--json").out)
+    known = sp.predict(archive.path, "2026-03-20T00:00:00", satellite="S2")
+    np.testing.assert_allclose(
+        found["before"]["sigma_arcsec"], np.sqrt(np.diagonal(known.covariance_arcsec2)), rtol=1e-6
+    )
+
+
+@pytest.mark.slow
 def test_a_target_stops_the_plan(tmp_path):
     whole = json.loads(starplumb("plan", "vhr-0.3m", "-n", 12, "--json").out)
     wanted = 1.0001 * max(whole["images"][3]["sigma_arcsec"])

@@ -96,6 +96,18 @@ def test_intervals_of_what_is_foretold_hold(rng):
     assert 0.58 <= np.mean(np.array(inside) < 0.9945) <= 0.80
 
 
+def test_campaigns_of_one_day_foretell_no_faster_motion_than_those_of_two(rng):
+    """A minute apart, their scatter is none that goes on: a month ahead they are at most as uncertain as two a day
+    apart, not a thousand arcsec."""
+    a_month = int(30 * 86400e9)
+    sigma = []
+    for gap in (1.0 / 1440.0, 1.0):
+        t_ns, points = flown(rng, np.zeros((2, 3)), gap)
+        sigma.append(np.sqrt(np.diagonal(trend(t_ns, points).at(int(t_ns[-1]) + a_month)[1])) / ARCSEC)
+    assert np.all(sigma[0] < 2.0 * sigma[1])
+    assert np.all(sigma[0] < 30.0)
+
+
 def test_a_survey_error_is_in_what_is_foretold_and_in_no_change(rng):
     common = np.diag([5.0, 4.0, 3.0]) * ARCSEC
     t_ns, points = flown(rng, np.zeros((24, 3)), common=common)

@@ -15,6 +15,9 @@ Array = NDArray[np.float64]
 Epochs = NDArray[np.int64]
 
 YEAR_NS = 365.25 * 86_400e9
+A_DAY = 1.0 / 365.25
+"""Campaigns that are closer together tell of no motion that goes on: theirs would be foretold at a rate no mounting
+has."""
 HALF_A_YEAR = 0.5
 """Span in years below which no season is told."""
 JUMPED = 0.5
@@ -83,7 +86,7 @@ def _start(t_ns: Epochs, R: Array) -> Bank:
     unit = float(np.sqrt(np.median(np.linalg.eigvalsh(R)[:, 0])))
     gap = float(np.median(np.diff(t_ns)) / YEAR_NS) if len(t_ns) > 1 else 1.0 / 12.0
     span = years(t_ns, int(t_ns[-1]))
-    return Bank.start(unit, max(gap, 1e-6), 3, 0.0, yearly=span > HALF_A_YEAR)
+    return Bank.start(unit, max(gap, A_DAY), 3, 0.0, yearly=span > HALF_A_YEAR)
 
 
 def _between(one: Trend, t_ns: int) -> tuple[Array, Array]:

@@ -194,7 +194,8 @@ def verify(file: File, json: Json = False, quiet: Quiet = False, verbose: Verbos
         f"{one[:12]} cannot be run again, for want of {', '.join(names)}"
         for one, names in found["not_kept"].items()
     ]
-    speak.show(f"{found['campaigns']} campaigns, {len(found['faults'])} faults", *lost)
+    n, wrong = found["campaigns"], len(found["faults"])
+    speak.show(f"{n} campaign{'s' * (n != 1)}, {wrong} fault{'s' * (wrong != 1)}", *lost)
     if found["faults"]:
         raise AlignmentFailed(f"{file}: {'; '.join(found['faults'][:3])}")
 

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from ..archive.options import OfCamera, OfSatellite
 from ..options.common import ScenarioArgument
 from ..options.places import require_place
 from ..output import Json, Output, Quiet, Verbose
@@ -49,6 +50,8 @@ def plan(
         float | None,
         typer.Option("--days", metavar="DAYS", help="Length of the span [default: plan.days, 30]."),
     ] = None,
+    satellite: OfSatellite = None,
+    camera: OfCamera = None,
     out: Annotated[
         Path | None,
         typer.Option("--out", "-o", metavar="DIR", help="Folder for plan.json, plan.csv and plan.html."),
@@ -75,7 +78,7 @@ def plan(
     asked = read(scenario)
     if out is not None:
         require_place(out, PLAN_FILES, [scenario, given, sites], MARK)
-    found = plan_images(asked, images, target, given, sites, start, days)
+    found = plan_images(asked, images, target, given, sites, start, days, satellite, camera)
     if out is not None:
         found.save(out)
     speak.notices(found.notices)

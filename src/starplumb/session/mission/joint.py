@@ -130,7 +130,8 @@ class JointSolution(Shown):
             rows.append(("sigma from the data", *_fixed(d["sigma_from_data_arcsec"])))
         rows.append(("95 % interval, +-", *_fixed(d["interval_95_arcsec"])))
         of = f" of {d['satellite']}" if d["satellite"] else ""
-        caption = f"Joint mounting{of} from {d['from']} to {d['to']}, {len(d['campaigns'])} campaigns"
+        n = len(d["campaigns"])
+        caption = f"Joint mounting{of} from {d['from']} to {d['to']}, {n} campaign{'s' * (n != 1)}"
         each = [
             (c["name"], c["first"][:19], *_fixed(c["correction_arcsec"]), *_fixed(c["sigma_arcsec"]))
             for c in d["campaigns"]

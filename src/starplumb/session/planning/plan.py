@@ -144,14 +144,16 @@ def plan_images(
     sites: str | Path | None = None,
     start: str | None = None,
     days: Days | None = None,
+    satellite: str | None = None,
+    camera: str | None = None,
 ) -> Plan:
     """Say which images to take, in which order, and how well the mounting is known after each.
 
     Views are those of the scenario's orbit over its site and those of the table ``sites``, from ``start`` (UTC; left
     out: the scenario's) over ``days``, as its section [plan] says.  At most ``images``, fewer where ``target_arcsec``,
     the wanted sigma about each axis, is reached before.  ``given`` is what is known already: a Result, the path of a
-    ``result.json`` or of an archive, with the covariance that ``predict`` states for the start.  Raises InputError
-    where no view is possible.
+    ``result.json`` or of an archive, with the covariance that ``predict`` states for the start, of ``satellite``
+    and ``camera`` where it has several.  Raises InputError where no view is possible.
     """
     read = scenario.read
     notices: list[str] = []
@@ -161,7 +163,7 @@ def plan_images(
     first = _start_ns(flown, start)
     start_s = 1e-9 * (first - flown.epoch_ns)
     end_s = start_s + 86400.0 * (days or read.config.plan.days)
-    known, name = _known(given, first, notices)
+    known, name = _known(given, first, (satellite, camera), notices)
     if known is None and scenario.data.prior_E is not None:
         known = scenario.data.prior_E
         name = "the scenario's [initial]"
@@ -182,12 +184,12 @@ def _start_ns(flown: Stage, start: str | None) -> int:
 
 
 def _known(
-    given: Result | str | Path | None, at_ns: int, notices: list[str]
+    given: Result | str | Path | None, at_ns: int, of: tuple[str | None, str | None], notices: list[str]
 ) -> tuple[Array | None, str | None]:
     """Covariance (3, 3) rad^2 of what is given, at the start of the plan."""
     if given is None:
         return None, None
-    found = predict(given, format_iso([at_ns], "UTC")[0])
+    found = predict(given, format_iso([at_ns], "UTC")[0], satellite=of[0], camera=of[1])
     name = "the result" if isinstance(given, Result) else str(given)
     if found.covariance_arcsec2 is None:
         raise InputError(
