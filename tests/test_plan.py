@@ -364,7 +364,7 @@ def test_an_archive_of_several_satellites_is_asked_for_one(tmp_path):
     assert done.status == 2
     assert "--satellite: found several mountings" in done.err
     found = json.loads(starplumb(*asked, "--satellite", "S2", "--json").out)
-    known = sp.predict(archive.path, "2026-03-20T00:00:00", satellite="S2")
+    known = sp.predict(archive.path, "2026-03-20T00:00:00", satellite="S2").covariance_arcsec2
     np.testing.assert_allclose(
         found["before"]["sigma_arcsec"], np.sqrt(np.diagonal(known.covariance_arcsec2)), rtol=1e-6
     )
