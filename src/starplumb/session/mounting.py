@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..disk.publish import unlike
+from ..documents.cameras.before import RigBefore
 from ..documents.prediction import Prediction, outside, predicted, rests, unseen_amplitude
 from ..documents.result import ResultDocument
 from ..estimators.protocol import Status
@@ -19,7 +20,6 @@ from ..physics.units import ARCSEC
 from ..table.cameras.views import of_camera
 from .campaign import Campaign
 from .result import Result
-from .rig_before import RigBefore
 
 Array = NDArray[np.float64]
 

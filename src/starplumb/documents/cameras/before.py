@@ -8,10 +8,10 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from ..documents.result import ResultDocument
-from ..physics.units import ARCSEC
-from ..table.cameras.mounting import RANGE
-from ..table.cameras.rig import Rig
+from ...physics.units import ARCSEC
+from ...table.cameras.mounting import RANGE
+from ...table.cameras.rig import Rig
+from ..result import ResultDocument
 
 Array = NDArray[np.float64]
 
