@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import io
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 
 import numpy as np
@@ -202,6 +203,21 @@ def test_a_flat_picture_is_a_picture():
     flat = opened(shades(np.full((4, 5), 7.0, dtype=np.float32)))
     assert flat.shape == (4, 5, 4)
     assert re.match("data:", signed(np.zeros((3, 3), dtype=np.float32)))
+
+
+def test_what_has_no_picture_is_told_in_words(rng):
+    document = measured(rng, 5)
+    text = measurement_page(document, list(pictures(document, rng)))
+    assert "0 of 2 are shown." in text
+    assert "image02-004: It is &lt;water&gt; &amp; so on." in text
+
+
+def test_a_target_that_was_not_fitted_shows_no_reference(rng):
+    document = measured(rng, 1)
+    shown = [replace(picture, reference=None) for picture in pictures(document, rng)]
+    text = measurement_page(document, shown)
+    assert "the reference as it was predicted" not in text
+    assert all(shades(picture.window) in text for picture in shown)
 
 
 def test_a_landmark_of_several_images_has_a_picture_of_each(rng):

@@ -9,13 +9,16 @@ from ..physics.earth import C_JT
 from ..table.geometry import project
 from .chain import MeasuredImage
 from .scene import Scene, geodetic
+from .targets.chain import TargetScene
 
 Array = NDArray[np.float64]
 
 _STEP_M = 1.0
 
 
-def seen_of_reference(scene: Scene, image: MeasuredImage, sigma_m: Array, length_m: float) -> float:
+def seen_of_reference(
+    scene: Scene | TargetScene, image: MeasuredImage, sigma_m: Array, length_m: float
+) -> float:
     """Variance (px^2, mean of both axes) that errors of the reference of ``sigma_m`` (3,), east, north, up, give the
     chips of an image beside one another; an error of height moves them by its parallax.
 
@@ -34,7 +37,7 @@ def seen_of_reference(scene: Scene, image: MeasuredImage, sigma_m: Array, length
     return variance * (1.0 - float(np.mean(np.exp(-apart / length_m))))
 
 
-def moved_px(scene: Scene, image: MeasuredImage, p_J: Array) -> Array:
+def moved_px(scene: Scene | TargetScene, image: MeasuredImage, p_J: Array) -> Array:
     """How far points p_J (n, 3) move in an image by a metre east, north and up, (n, 2, 3) px."""
     index = np.full(len(p_J), image.image)
     C = C_JT(*geodetic(p_J))

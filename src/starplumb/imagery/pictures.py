@@ -12,13 +12,13 @@ Image = NDArray[np.float32]
 
 @dataclass(frozen=True)
 class Picture:
-    """A chip: the ``reference`` as it was predicted and the raw ``window`` (n, n), what the match left, ``residual``,
+    """A chip: the ``reference`` as it was predicted and the raw ``window`` (n, n); what the match left, ``residual``,
     with its ``weight``; the correlation ``surface`` (k, k) around the place that was predicted, in steps of a pixel,
     with its ``peak`` (2,), x and y from its middle; ``covariance_px2`` (2, 2).  None for what there is not."""
 
     image_id: str
     landmark_id: str
-    reference: Image
+    reference: Image | None
     window: Image
     residual: Image | None = None
     weight: Image | None = None

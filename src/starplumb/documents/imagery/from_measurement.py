@@ -40,6 +40,8 @@ class Measured(Protocol):
     @property
     def floor_px(self) -> float: ...
 
+    def reference_px2(self, image: MeasuredImage) -> float: ...
+
 
 def measure_document(measured: Measured) -> dict[str, Any]:
     """The document, checked against its model."""
@@ -96,6 +98,7 @@ def _image(measured: Measured, image: MeasuredImage, predicted: Array) -> dict[s
 def _candidates(measured: Measured, image: MeasuredImage, predicted: Array) -> list[dict[str, Any]]:
     name = measured.loaded.campaign.images.ids[image.image]
     shift = measured.loaded.shift_px
+    beyond = measured.floor_px**2 + (0.0 if image.reason else measured.reference_px2(image))
     rows = []
     for chip, expected in zip(image.chips, predicted, strict=True):
         c = chip.candidate
@@ -114,7 +117,7 @@ def _candidates(measured: Measured, image: MeasuredImage, predicted: Array) -> l
                 "role": ("check" if c.check else "control") if used else None,
                 **_ellipse(c, measured.floor_px if used else None),
                 **{key: _number(getattr(c, key)) for key in _FIGURES},
-                **_residual(c),
+                **_residual(c, beyond),
             }
         )
     return rows
@@ -132,10 +135,11 @@ def _ellipse(c: Candidate, floor_px: float | None) -> dict[str, Any]:
     return {"sigma_column_px": column, "sigma_row_px": row, "correlation": correlation}
 
 
-def _residual(c: Candidate) -> dict[str, Any]:
+def _residual(c: Candidate, beyond_px2: float) -> dict[str, Any]:
+    """What the image's rotation leaves, and that over its sigma, of which ``beyond_px2`` is not the matching's."""
     if c.residual_px is None or c.covariance_px2 is None:
         return dict.fromkeys(("residual_column_px", "residual_row_px", "normalised"))
-    whitened = np.linalg.solve(np.linalg.cholesky(c.covariance_px2), c.residual_px)
+    whitened = np.linalg.solve(np.linalg.cholesky(c.covariance_px2 + beyond_px2 * np.eye(2)), c.residual_px)
     column, row = c.residual_px.tolist()
     return {"residual_column_px": column, "residual_row_px": row, "normalised": whitened.tolist()}
 

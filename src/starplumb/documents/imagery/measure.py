@@ -29,7 +29,8 @@ class MeasuredImagePart(Part):
 
 
 class CandidatePart(Part):
-    """A place; what there is only of a chip that was matched is null for others."""
+    """A place; what there is only of a chip that was matched is null for others.  ``normalised`` is the residual over
+    its sigma: that of the place and what the reference's own error adds."""
 
     image_id: str
     landmark_id: str

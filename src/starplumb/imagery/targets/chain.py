@@ -139,7 +139,7 @@ class SeenTargets:
         elif owner:
             candidate = self._labelled(scene, candidate, owner.get(k))
         label = candidate.landmark or f"{name}-{k:03d}"
-        picture = Picture(name, label, target.window.astype(np.float32), target.window.astype(np.float32))
+        picture = Picture(name, label, None, target.window.astype(np.float32))
         if (fit := target.fit) is not None:
             residual = (target.window - fit.model).astype(np.float32)
             picture = replace(picture, reference=fit.model.astype(np.float32), residual=residual)

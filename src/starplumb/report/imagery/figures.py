@@ -84,7 +84,7 @@ def histogram(document: Document) -> Iterator[Figure]:
     z = np.array([c["normalised"] for c in used]).ravel()
     if not z.size:
         return
-    h = normalised("normalised", "residual over the sigma of matching", z, WIDEST, BINS)
+    h = normalised("normalised", "residual over its sigma", z, WIDEST, BINS)
     far = int(np.sum(np.abs(z) > WIDEST))
     beyond = f"; {far} beyond {WIDEST:g} stand at the ends" if far else ""
     caption = f"{z.size} residuals of {len(used)} chips{beyond}."

@@ -21,6 +21,8 @@ Part = Mapping[str, Any]
 MOST_CARDS = 400
 """Chips that are shown; of more the refused ones and the largest residuals first."""
 MOST_MAPS = 24
+MOST_SENTENCES = 10
+"""Chips of a kind without a picture that are named."""
 REFUSED = (
     *(Verdict.OUTLIER, Verdict.CHANGED, Verdict.NO_MATCH, Verdict.CLOUD, Verdict.WATER, Verdict.NO_TEXTURE),
     *(Verdict.SATURATED, Verdict.EDGE, Verdict.NO_REFERENCE),
@@ -82,7 +84,11 @@ def _images(document: Document) -> Table:
                 f"{i['used']} of {i['candidates']}",
                 str(i["check"]),
             ),
-            *(("–", "–") if i["offset_px"] is None else tuple(f"{v:.1f}" for v in i["offset_px"])),
+            *(
+                ("–", "–")
+                if i["offset_px"] is None
+                else tuple(f"{round(v, 1) + 0.0:.1f}" for v in i["offset_px"])
+            ),
         )
         for i in document["images"]
     ]
@@ -125,15 +131,12 @@ def _fit(document: Document) -> tuple[str, ...]:
     rms = 1.4826 * float(np.median(np.abs(z)))
     floor = float(document["floor_px"])
     told = (
-        f"Residuals over the sigmas of matching scatter by {number(rms, 2)}; 1 would be the matching alone, and the "
-        "errors of the reference, which stand with the landmarks, make it more. "
+        f"Residuals over their sigmas scatter by {number(rms, 2)}, where 1 is wanted: those of the places "
+        "and of what the reference's own errors, which stand with the landmarks, add. "
     )
     if not floor:
-        return (told + "Nothing had to be added to the sigmas for anything else.",)
-    return (
-        told
-        + f"{number(floor, 2)} px were added to the sigmas of all chips for what neither of these explains.",
-    )
+        return (told + "Nothing else had to be added.",)
+    return (told + f"{number(floor, 2)} px were added to all for what neither of these explains.",)
 
 
 def _shown(document: Document, pictures: Mapping[tuple[str, str], Picture]) -> Iterator[tuple[Part, Picture]]:
@@ -157,11 +160,28 @@ def _cards(document: Document, shown: list[tuple[Part, Picture]]) -> Iterator[Se
         total = sum(c["verdict"] == word for c in document["candidates"])
         if total:
             title = f"{word.capitalize()} ({total})"
-            left = () if len(mine) == total else (f"{len(mine)} of {total} are shown.",)
+            seen = {(picture.image_id, picture.landmark_id) for _, picture in mine}
+            left = (
+                ()
+                if len(mine) == total
+                else (f"{len(mine)} of {total} are shown.", *_unseen(document, word, seen))
+            )
             cards = tuple(_card(c, picture) for c, picture in mine)
             yield Section(
                 f"chips-{word.replace(' ', '-')}", title, (*_MEANS.get(word, ()), *left), cards=cards
             )
+
+
+def _unseen(document: Document, word: str, seen: set[tuple[str, str]]) -> Iterator[str]:
+    """The first chips without a picture in words."""
+    mine = [c for c in document["candidates"] if c["verdict"] == word]
+    for c in [c for c in mine if (c["image_id"], c["landmark_id"]) not in seen][:MOST_SENTENCES]:
+        yield f"{_title(c)}: {_told(c)}"
+
+
+def _title(c: Part) -> str:
+    name, image = str(c["landmark_id"]), str(c["image_id"])
+    return name if name.startswith(image) else f"{name} in {image}"
 
 
 _MEANS: Mapping[str, tuple[str, ...]] = {
@@ -175,9 +195,9 @@ _MEANS: Mapping[str, tuple[str, ...]] = {
 
 
 def _card(c: Part, picture: Picture) -> Card:
-    at, name = f"Column {c['column_px']:.1f}, row {c['row_px']:.1f}", c["landmark_id"]
+    at = f"Column {c['column_px']:.1f}, row {c['row_px']:.1f}"
     return Card(
-        title=name if name.startswith(c["image_id"]) else f"{name} in {c['image_id']}",
+        title=_title(c),
         word=c["role"] or c["verdict"],
         sentence=f"{at}. {_told(c)}",
         panels=tuple(_panels(picture)),
@@ -210,10 +230,14 @@ def _residual(c: Part) -> str:
 
 def _panels(picture: Picture) -> Iterator[Panel]:
     name = picture.landmark_id
-    reference, window = shades(picture.reference), shades(picture.window)
-    yield Panel("reference", f"{name}: the reference as it was predicted", (reference,))
-    yield Panel("raw", f"{name}: the raw window", (window,))
-    yield Panel("blink", f"{name}: reference and raw window in turn", (reference, window))
+    window = shades(picture.window)
+    if picture.reference is None:
+        yield Panel("raw", f"{name}: the raw window", (window,))
+    else:
+        reference = shades(picture.reference)
+        yield Panel("reference", f"{name}: the reference as it was predicted", (reference,))
+        yield Panel("raw", f"{name}: the raw window", (window,))
+        yield Panel("blink", f"{name}: reference and raw window in turn", (reference, window))
     if picture.residual is not None:
         left = signed(picture.residual, picture.weight)
         yield Panel("residual", f"{name}: what the match leaves, clear where it has no weight", (left,))

@@ -80,11 +80,15 @@ class Measurement(Shown):
         measured = [image for image in self.images if not image.reason]
         if not any(image.floor_px for image in measured):
             return 0.0
-        scene = self.scene
-        assert isinstance(scene, Scene)
-        sigma, length = self._sigma_m, self._length_m or 0.0
-        beyond = [image.floor_px**2 - seen_of_reference(scene, image, sigma, length) for image in measured]
+        beyond = [image.floor_px**2 - self.reference_px2(image) for image in measured]
         return float(np.sqrt(max(float(np.mean(beyond)), 0.0)))
+
+    def reference_px2(self, image: MeasuredImage) -> float:
+        """Variance, mean of both axes, by which the reference's own errors scatter the chips of an image; 0 where it is
+        not known which is which."""
+        if any(chip.p_J is None for chip in image.used):
+            return 0.0
+        return seen_of_reference(self.scene, image, self._sigma_m, self._length_m or 0.0)
 
     @cached_property
     def document(self) -> dict[str, Any]:
