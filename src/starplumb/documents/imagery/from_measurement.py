@@ -40,19 +40,21 @@ class Measured(Protocol):
     @property
     def floor_px(self) -> float: ...
 
-    def reference_px2(self, image: MeasuredImage) -> float: ...
+    @property
+    def reference_px2(self) -> tuple[float, ...]: ...
 
 
 def measure_document(measured: Measured) -> dict[str, Any]:
     """The document, checked against its model."""
     each = [(image, _predicted(measured.loaded, image)) for image in measured.images]
+    rows = zip(each, measured.reference_px2, strict=True)
     document = {
         "schema": MeasureDocument.kind(),
         "status": "ok" if measured.usable else "failed",
         "message": measured.message,
         "campaign": measured.loaded.campaign.name,
         "images": [_image(measured, image, predicted) for image, predicted in each],
-        "candidates": [row for image, predicted in each for row in _candidates(measured, image, predicted)],
+        "candidates": [row for (i, at), own in rows for row in _candidates(measured, i, at, own)],
         "floor_px": measured.floor_px,
         "inputs": measured.loaded.inputs,
         "software": software(),
@@ -95,10 +97,12 @@ def _image(measured: Measured, image: MeasuredImage, predicted: Array) -> dict[s
     }
 
 
-def _candidates(measured: Measured, image: MeasuredImage, predicted: Array) -> list[dict[str, Any]]:
+def _candidates(
+    measured: Measured, image: MeasuredImage, predicted: Array, own_px2: float
+) -> list[dict[str, Any]]:
     name = measured.loaded.campaign.images.ids[image.image]
     shift = measured.loaded.shift_px
-    beyond = measured.floor_px**2 + (0.0 if image.reason else measured.reference_px2(image))
+    beyond = measured.floor_px**2 + own_px2
     rows = []
     for chip, expected in zip(image.chips, predicted, strict=True):
         c = chip.candidate

@@ -80,15 +80,21 @@ class Measurement(Shown):
         measured = [image for image in self.images if not image.reason]
         if not any(image.floor_px for image in measured):
             return 0.0
-        beyond = [image.floor_px**2 - self.reference_px2(image) for image in measured]
+        each = zip(self.images, self.reference_px2, strict=True)
+        beyond = [image.floor_px**2 - own for image, own in each if not image.reason]
         return float(np.sqrt(max(float(np.mean(beyond)), 0.0)))
 
-    def reference_px2(self, image: MeasuredImage) -> float:
-        """Variance, mean of both axes, by which the reference's own errors scatter the chips of an image; 0 where it is
-        not known which is which."""
-        if any(chip.p_J is None for chip in image.used):
-            return 0.0
-        return seen_of_reference(self.scene, image, self._sigma_m, self._length_m or 0.0)
+    @cached_property
+    def reference_px2(self) -> tuple[float, ...]:
+        """Variance, mean of both axes, by which the reference's own errors scatter the chips of each image; 0 where it
+        is not known which is which, and for an image that was left out."""
+        sigma, length = self._sigma_m, self._length_m or 0.0
+        return tuple(
+            0.0
+            if image.reason or any(chip.p_J is None for chip in image.used)
+            else seen_of_reference(self.scene, image, sigma, length)
+            for image in self.images
+        )
 
     @cached_property
     def document(self) -> dict[str, Any]:
