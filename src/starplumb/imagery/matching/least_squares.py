@@ -23,7 +23,7 @@ from .likeness import Layers, Look, look_of
 from .sandwich import inverted, long_run
 from .template import Template
 from .weights import WIDTH, spread, tukey
-from .whitening import Whitener
+from .whitening import Whitener, correlated
 
 Array = NDArray[np.float64]
 Filter = Callable[[Array], Array]
@@ -196,7 +196,7 @@ def _round(layers: Layers, chip: _Chip, state: _State) -> _Round:
     apart = layers.at(*place)
     look = look_of(apart, chip.window, chip.use)
     template, T = layers.like(look), look.offset + apart @ look.gains
-    if _exact(look, chip) or not Whitener.of(look.residual, look.weight > _WEIGHT).acts:
+    if _exact(look, chip) or not correlated(look.residual, look.weight > _WEIGHT):
         return _with_slopes(_Round(template, chip, look, None, _as_it_is, chip.use, chip.x, 0.0), state, T)
     chip = chip.showing(look.weight)
     contrast = Contrast.of(T, chip.window, chip.use)

@@ -11,6 +11,7 @@ Source: P. Whittle, On stationary processes in the plane, Biometrika 41 (1954).
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,6 +32,12 @@ _BEFORE = [
 ]
 """The half plane: rows and columns from a pixel to those before it."""
 
+_BESIDE = (
+    (np.s_[:, 1:], np.s_[:, :-1]),
+    (np.s_[1:], np.s_[:-1]),
+)
+"""Pixels and those beside them, and pixels and those above them."""
+
 
 @dataclass(frozen=True)
 class Whitener:
@@ -45,13 +52,12 @@ class Whitener:
     @classmethod
     def of(cls, residual: Array, good: Bools) -> Whitener:
         """The filter for residuals (n, m) where they are ``good``; none where these are about white, or too few."""
-        q = np.where(good, residual, 0.0)
-        power = max(float(np.mean(q[good] ** 2)) if good.any() else 0.0, 1e-300)
-        beside = [_mean_product(q, good, 0, 1) / power, _mean_product(q, good, 1, 0) / power]
-        whole = _whole(good)
-        if max(map(abs, beside)) < CORRELATED or np.sum(whole) < _LEAST:
+        if not correlated(residual, good):
             return cls.none()
-        before = np.stack([_moved(q, *lag)[whole] for lag in _BEFORE], axis=-1)
+        q, whole = np.where(good, residual, 0.0), _whole(good)
+        if np.sum(whole) < _LEAST:
+            return cls.none()
+        before = np.stack([moved[whole] for moved in _each_before(q)], axis=-1)
         N = before.mT @ before
         N += 1e-6 * np.trace(N) / len(N) * np.eye(len(N))
         return cls(np.asarray(np.linalg.solve(N, before.mT @ q[whole])))
@@ -75,14 +81,6 @@ class Whitener:
         return filtered
 
 
-def _moved(values: Array, rows: int, columns: int) -> Array:
-    """At each pixel the value ``rows`` and ``columns`` on from it, 0 beyond the border."""
-    moved = np.zeros_like(values)
-    to, of = _overlap(values.shape, rows, columns)
-    moved[to] = values[of]
-    return moved
-
-
 def _overlap(
     shape: tuple[int, ...], rows: int, columns: int
 ) -> tuple[tuple[slice, slice], tuple[slice, slice]]:
@@ -92,13 +90,22 @@ def _overlap(
     return to, (slice(max(rows, 0), n - max(-rows, 0)), slice(max(columns, 0), m - max(-columns, 0)))
 
 
+def _each_before(values: Array | Bools) -> Iterator[Array | Bools]:
+    """Of values (n, m) those at each of the places before every pixel, 0 beyond the border."""
+    n, m = values.shape
+    wide = np.pad(values, ((ORDER, 0), (ORDER, ORDER)))
+    for rows, columns in _BEFORE:
+        yield wide[ORDER + rows : ORDER + rows + n, ORDER + columns : ORDER + columns + m]
+
+
 def _whole(good: Bools) -> Bools:
     """The pixels all of whose neighbours before them are good, as they are themselves."""
-    each = good.astype(np.float64)
-    return np.asarray(good & (sum(_moved(each, *lag) for lag in _BEFORE) == len(_BEFORE)))
+    return np.asarray(np.logical_and.reduce([good, *_each_before(good)]))
 
 
-def _mean_product(q: Array, good: Bools, rows: int, columns: int) -> float:
-    """Mean product of good pixels with the good ones ``rows`` and ``columns`` on."""
-    pairs = good * _moved(good.astype(np.float64), rows, columns)
-    return float(np.sum(q * _moved(q, rows, columns))) / max(float(pairs.sum()), 1.0)
+def correlated(residual: Array, good: Bools) -> bool:
+    """Whether residuals (n, m) are worth whitening where they are ``good``."""
+    q = np.where(good, residual, 0.0)
+    power = max(float(np.sum(q * q)) / max(np.count_nonzero(good), 1), 1e-300)
+    beside = (float(np.sum(q[a] * q[b])) / max(np.count_nonzero(good[a] & good[b]), 1) for a, b in _BESIDE)
+    return max(map(abs, beside)) >= CORRELATED * power
