@@ -90,7 +90,7 @@ def _overlap(
     return to, (slice(max(rows, 0), n - max(-rows, 0)), slice(max(columns, 0), m - max(-columns, 0)))
 
 
-def _each_before(values: Array | Bools) -> Iterator[Array | Bools]:
+def _each_before(values: Array) -> Iterator[Array]:
     """Of values (n, m) those at each of the places before every pixel, 0 beyond the border."""
     n, m = values.shape
     wide = np.pad(values, ((ORDER, 0), (ORDER, ORDER)))
@@ -100,12 +100,17 @@ def _each_before(values: Array | Bools) -> Iterator[Array | Bools]:
 
 def _whole(good: Bools) -> Bools:
     """The pixels all of whose neighbours before them are good, as they are themselves."""
-    return np.asarray(np.logical_and.reduce([good, *_each_before(good)]))
+    return np.asarray(good & (sum(_each_before(good.astype(np.float64))) == len(_BEFORE)))
 
 
 def correlated(residual: Array, good: Bools) -> bool:
     """Whether residuals (n, m) are worth whitening where they are ``good``."""
     q = np.where(good, residual, 0.0)
-    power = max(float(np.sum(q * q)) / max(np.count_nonzero(good), 1), 1e-300)
-    beside = (float(np.sum(q[a] * q[b])) / max(np.count_nonzero(good[a] & good[b]), 1) for a, b in _BESIDE)
-    return max(map(abs, beside)) >= CORRELATED * power
+    power = _mean(q * q, good)
+    beside = (_mean(q[a] * q[b], good[a] & good[b]) for a, b in _BESIDE)
+    return max(map(abs, beside)) >= CORRELATED * max(power, 1e-300)
+
+
+def _mean(values: Array, good: Bools) -> float:
+    """Mean of values (n, m) that are 0 where they are not good."""
+    return float(np.sum(values)) / max(float(np.count_nonzero(good)), 1.0)
