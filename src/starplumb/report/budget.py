@@ -63,12 +63,13 @@ def _unit(share: Document) -> str:
 def _method(name: str, method: Document) -> Section:
     shares = method["sources"]
     rows = []
-    for share in shares:
+    for before, share in zip([None, *shares], shares, strict=False):
         unit = _unit(share)
         rows.append(
             (
                 _label(share),
-                str(share["words"]),
+                # said once for all components of a source
+                "" if before is not None and before["source"] == share["source"] else str(share["words"]),
                 f"{number(share[f'sigma_{unit}'])} {unit}",
                 *_beside(share["contribution_arcsec"], [s["contribution_arcsec"] for s in shares]),
                 *_slopes(share, method["sigma_arcsec"]),
