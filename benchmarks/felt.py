@@ -3,6 +3,7 @@
     python benchmarks/felt.py compare 10 100 --beside ../before/src --rounds 3
 
 ``compare M K``: M images of K markers through every method of ``starplumb compare``, method by method.
+``commands M K``: the commands ``calibrate`` and ``compare`` on such a campaign, from its files.
 ``study SCENARIO [METHOD]``: microseconds of a method, by default least squares, a trial of a scenario.
 Each figure is the best of the rounds, which take the trees in turn, every one in a process of its own with one thread.
 Markdown on stdout.
@@ -13,8 +14,10 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import resource
 import subprocess
 import sys
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from time import process_time
@@ -65,6 +68,26 @@ def compare(images: int, markers: int) -> Figures:
     return figures
 
 
+def commands(images: int, markers: int) -> Figures:
+    """Processor seconds of whole commands on a campaign in files, Python's start included."""
+    from calibrate import write
+
+    def seconds(*arguments: str) -> float:
+        program = "import sys; from starplumb.cli import main; sys.argv[0] = 'starplumb'; main()"
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        subprocess.run([sys.executable, "-c", program, *arguments], stdout=subprocess.PIPE, check=True)
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+    with tempfile.TemporaryDirectory() as folder:
+        campaign = str(write(Path(folder), images, markers))
+        figures = {"check": seconds("check", campaign)}
+        figures["calibrate --no-report"] = seconds("calibrate", campaign, "--no-report")
+        figures["calibrate"] = seconds("calibrate", campaign)
+        figures["compare"] = seconds("compare", campaign)
+    return figures
+
+
 def study(name: str, method: str = "gls", batches: int = 3) -> Figures:
     """Microseconds of a method a trial, as a study of a scenario runs it."""
     from starplumb.estimators import METHODS
@@ -81,7 +104,7 @@ def study(name: str, method: str = "gls", batches: int = 3) -> Figures:
     return {"us a trial": min(timed(lambda r=r: estimator(*r))[0] for r in runs[1:]) / batch * 1e6}
 
 
-STEPS: dict[str, Callable[..., Figures]] = {"compare": compare, "study": study}
+STEPS: dict[str, Callable[..., Figures]] = {"compare": compare, "commands": commands, "study": study}
 
 
 def measured(step: str, numbers: list[str], source: Path) -> Figures:
