@@ -14,6 +14,7 @@ from starplumb.io.scenario.read import find_scenario, load_scenario
 from starplumb.physics import so3
 from starplumb.physics.units import ARCSEC, DEG
 from starplumb.solve.refinement import Scene
+from starplumb.study import refined
 from starplumb.study.monte_carlo import Study
 from starplumb.study.refined import Refined, of_scene
 from starplumb.table.equation import linearise
@@ -92,6 +93,21 @@ def test_a_shipped_scenario_is_solved_exactly(name):
     estimator = of_scene(Gls(), scenario)
     assert isinstance(estimator, Refined)
     compared(estimator(runs, models), runs, models)
+
+
+@pytest.mark.parametrize("off_deg", [0.01, 1.0, 30.0, 175.0])
+def test_no_model_is_too_far_off(off_deg, rng, monkeypatch):
+    table = scene_of("own", rng)
+    runs = measure(table, C_EK_TRUE, Errors.draw(table, rng, (3,)))
+    axes = rng.standard_normal((3, 3))
+    turn = off_deg * DEG * axes / np.linalg.norm(axes, axis=-1, keepdims=True)
+    models = so3.exp(turn) @ C_EK_TRUE
+    scene, starts = Scene.of(table, C_EK_TRUE), []
+    monkeypatch.setattr(Refined, "_completed", None)  # no run may be left to the method
+    closed = refined.rotation
+    monkeypatch.setattr(refined, "rotation", lambda o: starts.append(o.batch) or closed(o))
+    compared(Refined(Gls(), scene)(runs, models), runs, models)
+    assert starts == ([] if off_deg <= 1.0 else [(3,)])
 
 
 def test_runs_far_from_the_scene_are_left_to_the_method(rng):

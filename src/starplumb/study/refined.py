@@ -28,6 +28,12 @@ SETTLED = 1e-3
 """Length of a step, in sigmas, of which a run near the scene leaves no more than 1e-6."""
 
 
+NEAR = 0.1
+"""Length of the third step from the model, in sigmas, from which the model is too far off: they shrink as squares."""
+FAR = 0.1
+"""Angle, rad, by which these steps may turn it."""
+
+
 @dataclass(frozen=True)
 class _Solved:
     """Mountings (b, 3, 3) after a step, the step, in which runs it is exact, and in which it is the last."""
@@ -49,8 +55,9 @@ class _Solved:
 class Refined:
     """:class:`Gls` of runs of a scene, exact to 1e-6 of a sigma (:mod:`starplumb.solve.refinement`).
 
-    From the closed form two steps with the gain of the scene itself, then steps of Gauss-Newton with each run's own
-    design and covariance.  Runs of which these are not exact, or do not settle, are left to :class:`Gls`.
+    From the model mounting, or the closed form where that is far off, a few steps with the gain of the scene itself,
+    then steps of Gauss-Newton with each run's own design and covariance.  Runs of which these are not exact, or do not
+    settle, are left to :class:`Gls`.
     """
 
     gls: Gls
@@ -72,11 +79,7 @@ class Refined:
         return len(o.batch) == 1 and np.array_equal(o.weight, self.scene.table.weight)
 
     def _solved(self, o: Observations, C_model: Array) -> _Solved:
-        C, known = rotation(o)
-        C = np.where(known[:, None, None], C, C_model)
-        for _ in range(2):
-            z = residual_px(o, C).reshape(len(C), -1)
-            C = so3.exp(-z @ self.scene.gain.T) @ C
+        C = self._started(o, C_model)
         solved = self._step(o, C, C_model)
         for _ in range(MOST_STEPS):
             left = np.flatnonzero(solved.exact & ~solved.settled)
@@ -84,6 +87,26 @@ class Refined:
                 break
             solved.put(left, self._step(o.run((left,)), solved.C_EK[left], C_model[left]))
         return solved
+
+    def _started(self, o: Observations, C_model: Array) -> Array:
+        """Mountings (b, 3, 3) after steps with the gain of the scene: from the model, and from the closed form where
+        that was too far."""
+        C, arrived = self._gained(o, C_model, 3)
+        far = np.flatnonzero(~arrived)
+        if far.size:
+            part = o.run((far,))
+            closed, known = rotation(part)
+            C[far] = self._gained(part, np.where(known[:, None, None], closed, C_model[far]), 2)[0]
+        return C
+
+    def _gained(self, o: Observations, C: Array, steps: int) -> tuple[Array, Mask]:
+        """After some steps with the gain of the scene, and where (b,) they have arrived near by."""
+        angle = np.zeros(len(C))
+        for _ in range(steps):
+            d_E = -residual_px(o, C).reshape(len(C), -1) @ self.scene.gain.T
+            C, angle = so3.exp(d_E) @ C, angle + np.linalg.norm(d_E, axis=-1)
+        last = np.linalg.norm(np.linalg.solve(self.scene.scale, d_E.T), axis=0)
+        return C, (last < NEAR) & (angle < FAR)
 
     def _step(self, o: Observations, C: Array, C_model: Array) -> _Solved:
         squares, exact = self.scene.squares(o, C)
