@@ -103,6 +103,17 @@ def test_files_that_would_fill_the_memory_are_refused_in_a_sentence(tmp_path):
     ones = pa.DictionaryArray.from_arrays(pa.array([0] * 30_000_000, pa.int8()), pa.array(["a"]))
     zeros = pa.array([0.0]).take(pa.array([0] * 30_000_000, pa.int32()))
     parquet.write_table(pa.table({"image_id": ones, "column_px": zeros}), tmp_path / "rows.parquet")
+    long = pa.DictionaryArray.from_arrays(pa.array([0] * 1_000_000, pa.int8()), pa.array(["a" * 2_000]))
+    texts = pa.table({"image_id": long, "column_px": zeros[:1_000_000]})
+    parquet.write_table(texts, tmp_path / "texts.parquet")
+    packing = pa.ipc.IpcWriteOptions(compression="zstd")
+    for name, made, content in (
+        ("texts.arrow", pa.ipc.new_file, texts),
+        ("rows.arrow", pa.ipc.new_file, pa.table({"image_id": ones, "column_px": zeros, "row_px": zeros})),
+        ("rows.stream", pa.ipc.new_stream, pa.table({"image_id": ones, "column_px": zeros, "row_px": zeros})),
+    ):
+        with made(tmp_path / name, content.schema, options=packing) as writer:
+            writer.write_table(content)
     sparse(tmp_path / "campaign.toml", b"[campaign]\n", 8 << 30)
     sparse(tmp_path / "orbit.oem", OEM, 8 << 30)
     sparse(tmp_path / "finals.all", b" ", 8 << 30)
@@ -116,6 +127,8 @@ def test_files_that_would_fill_the_memory_are_refused_in_a_sentence(tmp_path):
         "tags.json": packed(b"[],", MOST, b'{"schema": "starplumb-result/1", "images": [', b"0]}"),
         "values.json": packed(b"0,", 2_000_000, b'{"schema": "starplumb-result/1", "images": [', b"0]}"),
         "keys.toml": packed(b"a.b=1\n", MOST),
+        "parts.toml": b"a" + b".a" * 1_900_000 + b"=1\n",
+        "many.toml": b"[camera]\n" + b"".join(b"k%d=1\n" % i for i in range(300_000)),
         "values.IMD": packed(b"a=1;", MOST),
         "points.geojson": packed(b"{},", MOST, b'{"type": "FeatureCollection", "features": [', b"{}]}"),
     }
@@ -136,6 +149,13 @@ def test_files_that_would_fill_the_memory_are_refused_in_a_sentence(tmp_path):
             ("large.png", "png"),
             ("points.csv", "table"),
         ),
+        *(
+            ("texts.parquet", "table"),
+            ("texts.arrow", "table"),
+            ("rows.arrow", "table"),
+            ("rows.stream", "table"),
+        ),
+        *(("parts.toml", "toml"), ("many.toml", "toml")),
     ]
     done = subprocess.run(
         [sys.executable, "-c", READ, str(tmp_path), json.dumps(readers)],

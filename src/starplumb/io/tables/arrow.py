@@ -20,11 +20,10 @@ from ..text.visible import IN_NAME, OBEYED
 from .cells import NUMBER, PRINTABLE, Array, Columns, Part, cell_error, none_kept, to_numbers
 from .pieces import line_ends
 from .schema import Schema
+from .unpacking import dictionaries, require_small_arrow, require_small_parquet, require_small_texts
 
 _PIECE = 1 << 18
 """Bytes of CSV text that PyArrow converts at a time."""
-MOST_BYTES, MOST_TIMES = 400_000_000, 20
-"""What a Parquet file may unpack to: so much, or so many times its size."""
 _QUOTED = re.compile(rb'(?:(?<=[,\n\r])|\A)"[^"\r\n]*"(?=[,\r\n]|\Z)')
 """A cell in quotes that every parser of CSV reads alike."""
 _OBEYED = bytes(code for code in OBEYED if code < 0x80 and code != ord("\r"))
@@ -190,28 +189,20 @@ def read_binary(path: Path, kind: str) -> Any:
         if kind == "Parquet":
             from pyarrow import parquet
 
-            whole = parquet.ParquetFile(path)
-            _require_fewer(path, whole.metadata)
-            table = whole.read()
+            metadata = parquet.read_metadata(path)
+            require_small_parquet(path, metadata)
+            table = parquet.ParquetFile(path, read_dictionary=dictionaries(metadata)).read()
         else:
+            require_small_arrow(path, stream=kind != "Arrow")
             with pa.memory_map(str(path)) as file:
                 table = (pa.ipc.open_file(file) if kind == "Arrow" else pa.ipc.open_stream(file)).read_all()
         table.validate(full=True)  # what Arrow reads it believes, and then leaves its own memory
         table.schema.names  # noqa: B018  decoded here, where they may be no text
+        require_small_texts(path, table)
         return table
     except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
         reason = show(str(error))[1:-1]
         raise InputError(f"{path}: found a damaged {kind} file ({reason}), wanted a whole one") from None
-
-
-def _require_fewer(path: Path, metadata: Any) -> None:
-    """Raise InputError where a file of a few bytes declares more cells than its bytes can be of."""
-    # asked for a damaged column, Arrow ends the program
-    size = sum(metadata.row_group(i).total_byte_size for i in range(metadata.num_row_groups))
-    cells = metadata.num_rows * metadata.num_columns
-    if max(8 * cells, size) > max(MOST_BYTES, MOST_TIMES * path.stat().st_size):
-        found = f"found {metadata.num_rows:,} rows of {metadata.num_columns} columns in {path.stat().st_size:,} bytes"
-        raise InputError(f"{path}: {found}, wanted a table that is no larger than it says")
 
 
 def table_of(name: str, data: object) -> Any:

@@ -10,6 +10,9 @@ from pydantic_core import ErrorDetails, InitErrorDetails, PydanticCustomError
 
 from .files import cut, nearest, show
 
+MOST_KEYS = 1_000
+"""Of a section: each that is unknown is compared with those that are known."""
+
 
 def wrong(found: object, wanted: str) -> PydanticCustomError:
     """The complaint ``found ..., wanted ...`` about one value."""
@@ -36,6 +39,10 @@ class Section(BaseModel):
     @model_validator(mode="wrap")
     @classmethod
     def _all_at_once(cls, data: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
+        if isinstance(data, dict) and len(data) > MOST_KEYS:
+            text = f"found {len(data):,} keys, wanted at most {MOST_KEYS:,}"
+            many: InitErrorDetails = {"type": _sentence(text), "loc": (), "input": None}
+            raise ValidationError.from_exception_data(cls.__name__, [many])
         given = _as_meant(cls, data) if isinstance(data, dict) else {}
         problems: list[InitErrorDetails] = []
         section: Self | None = None

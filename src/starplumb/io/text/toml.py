@@ -17,12 +17,22 @@ from .sections import Section, complaints
 
 MOST_TOML = 4_000_000
 """Bytes: a thousand times a campaign that somebody writes."""
+MOST_TOLD = 20
+"""Of the problems of a file, in one sentence."""
+MOST_PARTS = 64
+"""Of a key, with dots between."""
+_DEEP = re.compile(r"""(?:\.[ \t]*+(?:[A-Za-z0-9_-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+){64}""")
 _SectionT = TypeVar("_SectionT", bound=Section)
 
 
 def read_toml(path: Path) -> dict[str, Any]:
     """The document as a dictionary. Raises InputError with the line where it is not TOML."""
     text = read_text(path, MOST_TOML)
+    if deep := _DEEP.search(text):  # tomllib takes their number squared
+        at = text.count("\n", 0, deep.start()) + 1
+        raise InputError(
+            f"{path}, line {at}: found a key of more than {MOST_PARTS} parts, wanted section.key"
+        )
     try:
         return tomllib.loads(text)
     except (ValueError, RecursionError) as error:
@@ -67,5 +77,6 @@ def check(document: Mapping[str, Any], model: type[_SectionT], name: Path | str)
 
 def refuse(name: Path | str, problems: list[str]) -> InputError:
     """One error of one line for any number of problems."""
-    count = f"{len(problems)} problems: " if len(problems) > 1 else ""
-    return InputError(f"{name}: {count}{'; '.join(problems)}")
+    count = f"{len(problems):,} problems: " if len(problems) > 1 else ""
+    more = f"; and {len(problems) - MOST_TOLD:,} more" if len(problems) > MOST_TOLD else ""
+    return InputError(f"{name}: {count}{'; '.join(problems[:MOST_TOLD])}{more}")
