@@ -165,6 +165,9 @@ def prepare(folder: Path, archive: bool, world: bool) -> None:
     starplumb(folder, "archive", "init", "m.db", "-q")
     for name, seed in (("one", "1"), ("two", "2")):
         starplumb(folder, "init", f"{name}-campaign", "--seed", seed, "-q")
+        for table in ("landmarks.csv", "observations.csv"):  # other markers need other names
+            path = folder / f"{name}-campaign" / table
+            path.write_text(path.read_text().replace("gcp", f"{name}-"))
         starplumb(folder, "calibrate", f"{name}-campaign/campaign.toml", "--no-report", "-q", "--out", name)
 
 

@@ -167,6 +167,22 @@ def test_archives_that_contradict_each_other_are_not_united(tmp_path, parts):
     assert len(one.entries) == 1
 
 
+def test_what_a_killed_addition_leaves_is_told_and_used_by_the_next(tmp_path, parts, monkeypatch):
+    archive = sp.open_archive(tmp_path / "m.db", create=True)
+    with monkeypatch.context() as patch:
+        patch.setattr(sp.Archive, "_insert", lambda *of: 1 / 0)
+        patch.setattr(blobs, "drop", lambda *of: None)  # nothing is tidied by a process that is killed
+        with pytest.raises(ZeroDivisionError):
+            archive.add(parts["a"])
+    digests = set(json.loads((parts["a"] / "result.json").read_text())["inputs"].values())
+    assert set(archive.verify()["left_over"]) == digests
+    said = starplumb("archive", "verify", archive.path).out
+    assert f"{len(digests)} files in m.db.files are of no campaign" in " ".join(said.split())
+    monkeypatch.setattr(blobs, "_write", lambda *of: 1 / 0)
+    archive.add(parts["a"])
+    assert (archive.verify()["left_over"], archive.verify()["not_kept"]) == ([], {})
+
+
 def test_verify_finds_what_was_changed(tmp_path, parts):
     archive = archive_of(tmp_path, parts["a"])
     digest = next(iter(json.loads((parts["a"] / "result.json").read_text())["inputs"].values()))

@@ -12,8 +12,11 @@ from shutil import copytree
 
 import numpy as np
 import pytest
+from typer.core import TyperGroup
 
 from command import Spoken, demo, starplumb
+from starplumb.cli.channels import Commands, Interrupted
+from starplumb.disk.interruption import Stopped
 from starplumb.disk.publish import publish
 from starplumb.io.gis.geopackage import write_residuals
 from starplumb.io.text.files import trouble
@@ -284,6 +287,20 @@ def test_output_that_is_closed_full_or_narrow(example):
     narrow = shell("PYTHONIOENCODING=ascii starplumb check campaign.toml", example)
     assert (narrow.status, narrow.err) == (0, "")
     assert narrow.out.isascii()
+
+
+@pytest.mark.parametrize(("asked", "number"), [(Stopped(15), 15), (KeyboardInterrupt(), 2)])
+@pytest.mark.parametrize("stage", ["make_context", "invoke"])
+def test_a_command_that_is_asked_to_stop_says_so_from_its_first_step(monkeypatch, asked, number, stage):
+    """typer would end with 130 and no word, whatever the signal."""
+
+    def stopped(*of, **named):
+        raise asked
+
+    monkeypatch.setattr(TyperGroup, stage, stopped)
+    with pytest.raises(Interrupted) as error:
+        getattr(Commands(name="starplumb"), stage)("starplumb")
+    assert error.value.number == number
 
 
 @pytest.mark.slow

@@ -27,6 +27,25 @@ CASES = Path(__file__).resolve().parents[2] / "shared" / "cases"
 needs_cases = pytest.mark.skipif(not CASES.is_dir(), reason="shared/cases is not beside the checkout")
 
 
+HOSTILE = "a\x1b[31m\u202eb"
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("a.gcp", f"{HOSTILE} 43.5 4.8 10 1 1 1 a.tif 10 20 1 1\n"),
+        ("a.gcp", f"0 43.5 4.8 10 1 1 1 {HOSTILE}.tif 10 20 1 1\n"),
+        ("a.txt", f"EPSG:4326\n4.8 43.5 10 10 20 {HOSTILE}.tif b\n"),
+        ("a.txt", f"EPSG:4326\n4.8 43.5 10 10 20 a.tif {HOSTILE}\n"),
+    ],
+)
+def test_names_that_a_terminal_obeys_are_refused_from_every_program(tmp_path, name, text):
+    (tmp_path / name).write_text(text)
+    with pytest.raises(InputError, match="wanted text without control characters") as error:
+        read_ground_points(tmp_path / name, "EPSG:4326")
+    assert str(error.value).isprintable()
+
+
 def feature(properties, *place):
     return {
         "type": "Feature",

@@ -45,9 +45,8 @@ def _run() -> None:
 
     prepare()
     stop_as_by_ctrl_c()
-    app = program(asked(sys.argv[1:]))
     try:
-        finish(lambda: sys.exit(app(prog_name="starplumb", standalone_mode=False)))
+        finish(lambda: sys.exit(program(asked(sys.argv[1:]))(prog_name="starplumb", standalone_mode=False)))
     except UsageError as error:
         if said := sentence(error):
             complain(said)
@@ -58,9 +57,10 @@ def _run() -> None:
     except AlignmentFailed as error:
         complain(str(error))
         sys.exit(3)
-    except Interrupted as error:
-        complain(f"interrupted ({name_of(error.number)})")
-        sys.exit(128 + error.number)
+    except (Interrupted, KeyboardInterrupt) as error:
+        number = int(getattr(error, "number", 2))
+        complain(f"interrupted ({name_of(number)})")
+        sys.exit(128 + number)
     except OSError as error:
         if not is_of_output(error):
             raise

@@ -7,8 +7,8 @@ import io
 import json
 import os
 import sys
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any, BinaryIO, cast
 
 import typer
@@ -35,12 +35,23 @@ class Interrupted(BaseException):
 class Commands(TyperGroup):
     """All commands; one that is asked to stop says by what."""
 
+    def make_context(self, *args: Any, **kwargs: Any) -> Any:
+        """Read the command line.  Raises Interrupted, as ``invoke`` does."""
+        with _saying_why():
+            return super().make_context(*args, **kwargs)
+
     def invoke(self, ctx: Any) -> Any:
         """Run the command.  Raises Interrupted where typer would see a KeyboardInterrupt and say nothing."""
-        try:
+        with _saying_why():
             return super().invoke(ctx)
-        except KeyboardInterrupt as error:
-            raise Interrupted(error.number if isinstance(error, Stopped) else 2) from None
+
+
+@contextmanager
+def _saying_why() -> Iterator[None]:
+    try:
+        yield
+    except KeyboardInterrupt as error:
+        raise Interrupted(error.number if isinstance(error, Stopped) else 2) from None
 
 
 def prepare() -> None:

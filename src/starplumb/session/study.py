@@ -36,6 +36,7 @@ MARK = ("summary.json", SCHEMA)
 STUDY_FILES = (SAMPLES, "report.html")
 """Files of every study beside it; the figures are named after the methods."""
 Precision = Annotated[float, Wanted("a number from 1e-4 to 0.5", lambda value: 1e-4 <= value <= 0.5)]
+Chunk = Annotated[int, Wanted("a whole number from 1 to 1,000,000", lambda value: 1 <= value <= 1_000_000)]
 MOST_TRIALS = 1_000_000_000
 Trials = Annotated[
     int, Wanted(f"a whole number from 2 to {MOST_TRIALS}", lambda value: 2 <= value <= MOST_TRIALS)
@@ -143,7 +144,7 @@ def simulate(
     precision: Precision | None = None,
     workers: Count | None = 1,
     scheduler: str | None = None,
-    chunk: Count = CHUNK,
+    chunk: Chunk = CHUNK,
     out: Folder | None = None,
     samples: str = "none",
     watched: Watched = lambda plan: nullcontext(lambda trials: None),

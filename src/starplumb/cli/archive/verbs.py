@@ -194,6 +194,10 @@ def verify(file: File, json: Json = False, quiet: Quiet = False, verbose: Verbos
         f"{one[:12]} cannot be run again, for want of {', '.join(names)}"
         for one, names in found["not_kept"].items()
     ]
+    if left := len(found["left_over"]):
+        lost.append(
+            f"{left} files in {file.name}.files are of no campaign: an addition was stopped; repeat it"
+        )
     n, wrong = found["campaigns"], len(found["faults"])
     speak.show(f"{n} campaign{'s' * (n != 1)}, {wrong} fault{'s' * (wrong != 1)}", *lost)
     if found["faults"]:

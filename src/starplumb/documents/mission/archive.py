@@ -161,13 +161,15 @@ class ArchiveMergeDocument(Document):
 
 
 class ArchiveVerifyDocument(Document):
-    """What is wrong with an archive, and the campaigns whose files are not kept, which cannot be run again."""
+    """What is wrong with an archive, the campaigns whose files are not kept, which cannot be run again, and the digests
+    of files that are kept for none: a killed addition leaves them, and the same addition uses them."""
 
     schema_: Literal["starplumb-archive-verify/1"] = Field(alias="schema")
     archive: str
     campaigns: int
     faults: list[str]
     not_kept: dict[str, list[str]]
+    left_over: list[str]
 
 
 class Rerun(Part):

@@ -40,6 +40,11 @@ def keep(archive: Path, digest: str, path: Path) -> bool:
     return True
 
 
+def all_kept(archive: Path) -> list[str]:
+    """The digests of all files that are kept."""
+    return sorted(f"sha256:{place.stem}" for place in folder_of(archive).glob("??/*.gz"))
+
+
 def drop(archive: Path, digests: Iterable[str]) -> None:
     """Keep files no longer, and folders that hold no other."""
     with suppress(OSError):

@@ -131,6 +131,12 @@ def unnamed(database: sqlite3.Connection, digests: Iterable[str]) -> list[str]:
     return [digest for digest in digests if database.execute(asked, (digest,)).fetchone() is None]
 
 
+def left_over(path: Path) -> list[str]:
+    """Kept files that no campaign names, as an addition leaves them that was killed: the same addition uses them."""
+    with opened(path) as database:
+        return unnamed(database, blobs.all_kept(path))
+
+
 def unkept(path: Path) -> dict[str, list[str]]:
     """Inputs that are not kept beside an archive, or no longer as they were, by campaign."""
     found = {}

@@ -12,10 +12,11 @@ from warnings import catch_warnings, simplefilter
 import numpy as np
 
 from ...physics.errors import InputError
-from ..tables.cells import Array
+from ..tables.cells import PRINTABLE, Array
 from ..tables.columns import GEODETIC, SIGMA_ENU
 from ..tables.read import Table
 from ..text.files import composed, show
+from ..text.visible import IN_NAME
 from .drivers import require_vector
 
 _WGS84 = re.compile(
@@ -117,6 +118,10 @@ def _text(path: Path, row: int, value: object) -> str:
     text = "" if value is None else composed(str(value).strip())
     if not text:
         raise InputError(f"{path}, feature {row}, attribute landmark_id: found nothing, wanted a name")
+    if re.search(IN_NAME, text):
+        raise InputError(
+            f"{path}, feature {row}, attribute landmark_id: found {show(text)}, wanted {PRINTABLE}"
+        )
     return text
 
 

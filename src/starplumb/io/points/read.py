@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ...physics.errors import InputError
+from ..tables.cells import PRINTABLE
 from ..text.files import show
+from ..text.visible import IN_NAME
 
 if TYPE_CHECKING:
     from .ground_points import GroundPoints
@@ -28,6 +31,15 @@ def read_ground_points(path: Path, crs: str | None = None) -> GroundPoints:
 
     Raises InputError for another ending and for anything in the file that cannot be used.
     """
+    found = _read(path, crs)
+    for names in (found.landmark_id, found.image_id):
+        if re.search(IN_NAME, "".join(names)):
+            name = next(name for name in names if re.search(IN_NAME, name))
+            raise InputError(f"{path}: found the name {show(name)}, wanted {PRINTABLE}")
+    return found
+
+
+def _read(path: Path, crs: str | None) -> GroundPoints:
     match path.suffix.lower():
         case ".points":
             from .qgis import read_qgis

@@ -35,7 +35,12 @@ def loaded(text: str, most: int = MOST_VALUES) -> Any:
     each takes a hundred bytes."""
     if text.count(",") + text.count("[") + text.count("{") > most:
         raise ValueError(f"more than {most:,} values")
-    return json.loads(text, object_pairs_hook=unique)
+    try:
+        return json.loads(text, object_pairs_hook=unique)
+    except ValueError as error:  # Python's own words are advice to programmers
+        if "integer string conversion" in str(error):
+            raise ValueError("a whole number of thousands of digits") from None
+        raise
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,6 +17,9 @@ from ...table.geometry import observe
 from ..campaign.marks.landmarks import read_landmarks
 from ..campaign.marks.markers import Grid, read_observations
 from ..campaign.write import write_campaign
+from ..tables.cells import PRINTABLE
+from ..text.files import show
+from ..text.visible import IN_NAME
 from .csm.product import read_csm
 from .digitalglobe import read_digitalglobe
 from .digitalglobe_geo import Optics
@@ -98,6 +102,8 @@ class Wanted:
         those of ``several``."""
         product = read_product(path, self.attitude, self.optics, self.band)
         product = replace(product, name=image_id or product.name)
+        if re.search(IN_NAME, product.name):
+            raise InputError(f"{path}: found the name {show(product.name)}, wanted {PRINTABLE}")
         campaign = product.campaign(self.sigma_m, self.sigma_arcsec)
         notices += [*product.notices, *_coverage(product, campaign), *_corner_check(product, campaign)]
         if self.corners is None:

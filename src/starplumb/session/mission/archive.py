@@ -234,13 +234,15 @@ class Archive(Shown):
         return rerun_document(self.path, tuple(entry for entry in chosen if entry.withdrawn is None))
 
     def verify(self) -> dict[str, Any]:
-        """What is wrong with the archive, and which campaigns could not be run again for want of their files."""
+        """What is wrong with the archive, which campaigns could not be run again for want of their files, and which
+        files are kept for none."""
         return {
             "schema": "starplumb-archive-verify/1",
             "archive": str(self.path),
             "campaigns": len(self.entries),
             "faults": list(unite.faults(self.path)),
             "not_kept": unite.unkept(self.path),
+            "left_over": unite.left_over(self.path),
         }
 
     @contextmanager
