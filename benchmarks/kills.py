@@ -46,11 +46,11 @@ def state(folder: Path) -> State:
 
 def campaigns(folder: Path) -> State:
     """Of an archive what it says that it holds, and that it finds itself whole."""
-    said = subprocess.run(
-        [*COMMAND, "archive", "list", "m.db", "--json"], cwd=folder, capture_output=True, check=True
-    )
-    subprocess.run([*COMMAND, "archive", "verify", "m.db"], cwd=folder, capture_output=True, check=True)
-    return {str(i): str(entry["name"]) for i, entry in enumerate(json.loads(said.stdout))}
+    import starplumb as sp
+
+    archive = sp.open_archive(folder / "m.db")
+    assert archive.verify()["faults"] == []
+    return {str(i): str(entry["name"]) for i, entry in enumerate(archive.listed)}
 
 
 def told(folder: Path) -> bool:
