@@ -36,13 +36,15 @@ COMMANDS = {name: command for name, command in GROUPS.items() if not hasattr(com
             "locate: found the option --imge, .* perhaps --image",
         ),
         (["locate", "c.toml", "-z", "1", "2"], "locate: found the option -z, which there is not"),
+        (["check", "c.toml", "d.toml"], r"check: found d\.toml too, wanted no more"),
+        (["check", "c.toml", "--outside", "it"], '--outside: found "it", wanted one of .refuse., .skip.'),
         (
             ["project", "c.toml", "45", "-12", "--img=a"],
             "project: found the option --img, .* perhaps --image",
         ),
         (["locate", "c.toml", "1", "2"], "locate: found no --image / -i, wanted one"),
         (["locate"], "locate: found no CAMPAIGN.toml, wanted one"),
-        (["check", "a.toml", "b.toml"], r"check: .*\(b.toml\)"),
+        (["check", "a.toml", "b.toml"], r"check: found b.toml too"),
         (
             ["simulate", "two-images", "--trials", "1e18"],
             'simulate: --trials / -n: found "1e18", wanted a whole number, 2 to 1000000000',

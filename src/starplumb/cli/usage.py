@@ -118,9 +118,14 @@ def sentence(error: Any) -> str | None:
         (r"No such (option|command):? '?([^\s']+)", _unheard_of),
         (r"Missing (?:option |argument )?(.*)", lambda found, _ctx: f"found no {found[1]}, wanted one"),
         (r"Invalid value for (.*)", lambda found, _ctx: found[1]),
+        (
+            r"Got unexpected extra argument(?:s|\(s\))? \((.*)\)",
+            lambda found, _ctx: f"found {found[1]} too, wanted no more",
+        ),
     ):
         if found := re.match(pattern, message):
             message = said(found, ctx)
+    message = re.sub(r"(?:Value error, )?'([^']*)' is not one of ", r'found "\1", wanted one of ', message)
     if ctx is None:
         return message
     command = ctx.command_path.partition(" ")[2]
