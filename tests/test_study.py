@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import os
 import random
 import signal
@@ -429,7 +430,9 @@ def test_a_spoilt_manifest_is_refused(two_images, tmp_path, text):
         Store.open(tmp_path, Study(two_images, {"gls": Gls()}, 5, 20, 20))
 
 
-def test_a_scheduler_that_dies_is_one_sentence_and_chunks_are_kept(two_images, tmp_path, monkeypatch):
+def test_a_scheduler_that_dies_is_one_sentence_and_chunks_are_kept(two_images, tmp_path, monkeypatch, caplog):
+    logging.getLogger("distributed.client").setLevel(logging.WARNING)  # as Dask sets it
+
     class Dying:
         def __init__(self, address, timeout):
             self.left = 2
@@ -449,6 +452,7 @@ def test_a_scheduler_that_dies_is_one_sentence_and_chunks_are_kept(two_images, t
         def submit(self, function, study, c, **keywords):
             self.left -= 1
             if self.left < 0:
+                logging.getLogger("distributed.client").error("a traceback of its own")
                 raise OSError("Timed out trying to connect")
             return Future(lambda: function(study, c))
 
@@ -467,6 +471,7 @@ def test_a_scheduler_that_dies_is_one_sentence_and_chunks_are_kept(two_images, t
     ):
         run(store, Dask("tcp://gone"))
     assert len(store.missing()) == 9
+    assert caplog.text == ""
 
 
 @pytest.mark.parametrize("shipped", ["cubesat-6u", "wide-swath"])

@@ -6,6 +6,7 @@ import logging
 import os
 import signal
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import import_module
 from itertools import islice
@@ -131,6 +132,22 @@ def _run_on_cluster(study: Study, c: int) -> Arrays:
     return study.run(c)
 
 
+@contextmanager
+def _silent(package: str) -> Iterator[None]:
+    """Nothing is logged by a package, whose parts may have levels and handlers of their own."""
+    names = [
+        name for name in logging.root.manager.loggerDict if name == package or name.startswith(f"{package}.")
+    ]
+    before = {name: logging.getLogger(name).level for name in names}
+    for name in names:
+        logging.getLogger(name).setLevel(logging.CRITICAL + 1)
+    try:
+        yield
+    finally:
+        for name, level in before.items():
+            logging.getLogger(name).setLevel(level)
+
+
 @dataclass(frozen=True)
 class Dask:
     """Workers of a Dask cluster (extra ``cluster``); a task is a chunk, and the cluster repeats those it loses."""
@@ -148,17 +165,13 @@ class Dask:
             client = distributed.Client(self.address, timeout=20)
         except (OSError, ValueError, TimeoutError) as error:
             raise ArgumentError("scheduler", f"found no Dask scheduler at {self.address} ({error})") from None
-        log = logging.getLogger("distributed")
-        level = log.level
-        log.setLevel(logging.CRITICAL)  # a scheduler that dies is told below, in one sentence
         try:
-            yield from self._with(client, distributed, study, chunks)
+            with _silent("distributed"):  # a scheduler that dies is told below, in one sentence
+                yield from self._with(client, distributed, study, chunks)
         except (OSError, TimeoutError, distributed.CancelledError):
             raise ArgumentError(
                 "scheduler", f"found the one at {self.address} gone before the study was finished"
             ) from None
-        finally:
-            log.setLevel(level)
 
     def _with(
         self, client: Any, distributed: Any, study: Study, chunks: Sequence[int]
