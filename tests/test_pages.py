@@ -25,7 +25,8 @@ from test_measurement_page import measured, pictures
 
 BROWSER = next((path for name in BROWSERS if (path := shutil.which(name))), None)
 WIDTHS = (390, 1280)
-SECONDS = 60
+SECONDS = 300
+"""A browser that has not looked by then hangs, however busy the machine."""
 
 PAGES = {
     *(
