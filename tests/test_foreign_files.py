@@ -22,6 +22,7 @@ from starplumb.io.formats.oem import read_oem
 from starplumb.io.formats.registry import ATTITUDES, ORBITS, Asked, recognised
 from starplumb.io.formats.sp3 import read_sp3
 from starplumb.io.formats.stk.series import read_stk_attitude, read_stk_ephemeris
+from starplumb.io.gis import drivers
 from starplumb.io.gis.heights import surface
 from starplumb.io.gis.vector import read_points
 from starplumb.io.points.named import read_geojson_points
@@ -358,6 +359,26 @@ def test_blocks_far_larger_than_their_raster_are_refused(tmp_path):
         InputError, match=r"dem\.img: found blocks of 16777216 x 64 cells in a raster of 9 x 8"
     ):
         heights(path)
+
+
+def test_a_block_holds_the_cells_of_all_bands_that_lie_together(tmp_path, monkeypatch):
+    rasterio = pytest.importorskip("rasterio", reason="needs the extra gis")
+    monkeypatch.setattr(drivers, "_MOST_BLOCK", 600)
+    profile = {"driver": "GTiff", "width": 4, "height": 4, "count": 3, "dtype": "float32", "tiled": True}
+    profile["transform"] = rasterio.Affine(1.0, 0.0, 9.0, 0.0, -1.0, 45.0)
+    for interleave in ("band", "pixel"):
+        with rasterio.open(
+            tmp_path / f"{interleave}.tif",
+            "w",
+            **profile,
+            blockxsize=16,
+            blockysize=16,
+            interleave=interleave,
+        ) as file:
+            file.write(np.zeros((3, 4, 4), np.float32))
+    drivers.open_raster(tmp_path / "band.tif").close()
+    with pytest.raises(InputError, match=r"pixel\.tif: found blocks of 16 x 16 cells in a raster of 4 x 4"):
+        drivers.open_raster(tmp_path / "pixel.tif")
 
 
 STRANGE_UNITS = (

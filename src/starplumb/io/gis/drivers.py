@@ -93,8 +93,10 @@ def open_raster(path: Path) -> DatasetReader:
     if dataset.driver in _TEXTS and cells > size:
         found = f"found {dataset.width} x {dataset.height} cells in {size} bytes"
         raise InputError(f"{path}: {found}, wanted a whole grid")
+    together = dataset.tags(ns="IMAGE_STRUCTURE").get("INTERLEAVE") == "PIXEL"
+    bands = dataset.count if together else 1  # of which one block holds the cells
     for rows, columns in dataset.block_shapes:
-        if rows * columns > max(_MOST_BLOCK, 4 * cells):
+        if bands * rows * columns > max(_MOST_BLOCK, 4 * bands * cells):
             found = (
                 f"found blocks of {columns} x {rows} cells in a raster of {dataset.width} x {dataset.height}"
             )
