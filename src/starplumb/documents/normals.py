@@ -16,7 +16,7 @@ from ..judge.calibrate import Calibration
 from ..judge.parameters.separability import of_camera
 from ..judge.snooping import fit_at
 from ..mission.cameras import about_camera
-from ..mission.joint import MOUNTING, Equations, Joint, Known, joint, summed
+from ..mission.joint import MOUNTING, TIE, Equations, Joint, Known, joint, summed
 from ..physics.errors import InputError
 from ..physics.timescales import format_iso
 from ..physics.units import ARCSEC
@@ -221,7 +221,7 @@ def _place(c: Calibration, landmark: int) -> dict[str, Any]:
 
 def _landmark(c: Calibration, landmark: int) -> str:
     """The name of a landmark's place; nobody else knows that of a tie point, which is the campaign's own."""
-    kind = LANDMARK if c.campaign.landmarks.surveyed[landmark] else "shared[tie "
+    kind = LANDMARK if c.campaign.landmarks.surveyed[landmark] else TIE
     return f"{kind}{c.campaign.landmarks.ids[landmark]}]"
 
 

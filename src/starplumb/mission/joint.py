@@ -27,6 +27,8 @@ MOUNTING = "mounting"
 """The block of three that turns ``C_EK``; its reference is no turn."""
 CAMERA = f"{MOUNTING}["
 """How the block of a further camera's mounting begins, ``mounting[NAME]``: it turns ``C_EC = exp(reference)``."""
+TIE = "shared[tie "
+"""How the block of a tie point's place begins."""
 Image = tuple[Sequence[str], Array, Array, float, int]
 """Equations of an image: the names of its blocks, information, vector, constant and count."""
 
@@ -75,17 +77,21 @@ class Equations:
         return np.concatenate(found) if found else np.zeros(0, dtype=np.int64)
 
     def with_known(self, names: Iterable[str]) -> Equations:
-        """With what was known beforehand of some blocks, each of which becomes so many numbers more."""
-        N, b, constant, count = self.information.copy(), self.vector.copy(), self.constant, self.count
+        """With what was known beforehand of some blocks, each of which becomes so many numbers more; what is as good as
+        free (a camera within some degrees, a tie point's place) only where the sightings determine less of it."""
+        N, b, constant, count = self.information.copy(), self.vector.copy(), self.constant, 0.0
         for name in names:
             known, at = self.blocks[name], self.places[name]
             if known.covariance is not None:
                 W, pull = np.linalg.inv(known.covariance), apart(name, known.reference, known.expected)
+                count += at.size
+                if name.startswith((CAMERA, TIE)):
+                    own = N[np.ix_(at, at)]
+                    count -= float(np.trace(np.linalg.solve(own + W, own)))
                 N[np.ix_(at, at)] += W
                 b[at] += W @ pull
                 constant += float(pull @ W @ pull)
-                count += 0 if name.startswith(CAMERA) else at.size  # within some degrees: as good as free
-        return replace(self, information=N, vector=b, constant=constant, count=count)
+        return replace(self, information=N, vector=b, constant=constant, count=self.count + round(count))
 
     def only(self, names: Sequence[str]) -> Equations:
         """Over some blocks, in this order, the others eliminated with what was known of them."""
@@ -140,8 +146,9 @@ def summed(C_EK: Array, blocks: Mapping[str, Known], images: Iterable[Image]) ->
     constant, count = 0.0, 0
     for names, N, b, c, n in images:
         at = whole.at(names)
-        whole.information[np.ix_(at, at)] += N
-        whole.vector[at] += b
+        # a block may stand twice in what earlier versions wrote of cameras that see one landmark
+        np.add.at(whole.information, np.ix_(at, at), N)
+        np.add.at(whole.vector, at, b)
         constant, count = constant + c, count + n
     return replace(whole, constant=constant, count=count)
 

@@ -66,13 +66,15 @@ def _of_part(linear: Linear, among: NDArray[np.bool_]) -> Iterator[ImageNormals]
         own = mine.T @ mine
         seen = start + np.flatnonzero(among[o.landmark[rows[start:end]]])
         seen = seen[np.argsort(o.landmark[rows[seen]])]
-        N = own if seen.size == 0 else _with_places(own, X[seen], D[seen])
+        # cameras of one moment may see a landmark each
+        landmarks, first = np.unique(o.landmark[rows[seen]], return_index=True)
+        N = own if seen.size == 0 else _with_places(own, X[seen], D[seen], first)
         G = N[-6:]
         N = N[:-6, :-6] - G[:, :-6].T @ np.linalg.solve(np.eye(6) + G[:, -6:], G[:, :-6])
         # the places of landmarks stand between the other unknowns and the residuals
         yield ImageNormals(
             int(o.image[rows[start]]),
-            o.landmark[rows[seen]],
+            landmarks,
             N[:-1, :-1],
             N[:-1, -1],
             float(N[-1, -1]),
@@ -94,15 +96,15 @@ def _whitened(linear: Linear, rows: Index, once: NDArray[np.bool_]) -> tuple[Arr
     return inverse_root @ np.concatenate(parts, axis=-1), inverse_root @ R
 
 
-def _with_places(squares: Array, X: Array, D: Array) -> Array:
-    """Normal equations of an image with three unknowns of each of the landmarks seen in rows (q, 2, ...), before the
-    residuals."""
-    q, k = len(D), squares.shape[0] - 7
+def _with_places(squares: Array, X: Array, D: Array, first: Index) -> Array:
+    """Normal equations of an image with three unknowns of each of the landmarks seen in rows (n, 2, ...), before the
+    residuals; ``first`` (q,) are the rows at which those of the next landmark begin."""
+    q, k = first.size, squares.shape[0] - 7
     N = np.zeros((k + 3 * q + 7, k + 3 * q + 7))
     others = np.concatenate([np.arange(k), np.arange(k + 3 * q, len(N))])
     N[np.ix_(others, others)] = squares
     own = k + np.arange(3 * q).reshape(q, 3)
-    N[np.ix_(own.reshape(-1), others)] = (D.mT @ X).reshape(3 * q, -1)
-    N[own[:, :, None], own[:, None, :]] = D.mT @ D
+    N[np.ix_(own.reshape(-1), others)] = np.add.reduceat(D.mT @ X, first).reshape(3 * q, -1)
+    N[own[:, :, None], own[:, None, :]] = np.add.reduceat(D.mT @ D, first)
     N[:, k : k + 3 * q] = N[k : k + 3 * q].T
     return N
