@@ -1,0 +1,43 @@
+"""Normal equations of cameras that see one landmark in one moment: they say what the adjustment says."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from rigs import BAND, rig_truth, with_tie_points
+from starplumb.documents.normals import NormalsDocument, joined, normals_document
+from starplumb.judge.calibrate import calibrate
+from starplumb.mission.joint import Known, summed
+from starplumb.physics.units import ARCSEC
+from test_ties import JOINTLY, delivered
+
+
+@pytest.mark.parametrize("ties", [0, 8])
+def test_equations_of_bands_that_see_one_landmark_are_those_of_the_adjustment(rng, ties):
+    campaign = with_tie_points(rig_truth((BAND,), images=4, markers=5), ties, rng)
+    found = calibrate(delivered(campaign, rng), JOINTLY)
+    document = NormalsDocument.from_json(
+        NormalsDocument.of(normals_document(found)).to_json(), "normals.json"
+    )
+    for image in document.images:
+        assert len(set(image.unknowns)) == len(image.unknowns)
+    one = joined([document])
+    np.testing.assert_allclose(
+        np.sqrt(np.diagonal(one.covariance_E)) / ARCSEC,
+        np.sqrt(np.diagonal(found.estimate.covariance_E)) / ARCSEC,
+        rtol=1e-3,
+    )
+    assert one.chi2 == pytest.approx(float(found.estimate.chi2), rel=1e-3)
+    assert one.degrees == int(found.estimate.degrees_of_freedom)
+
+
+def test_a_block_that_stands_twice_in_an_image_is_added_twice():
+    """As in files that name a landmark once for each camera of the moment."""
+    blocks = {"mounting": Known(np.zeros(3), np.zeros(3), None), "a": Known(np.zeros(1), np.zeros(1), None)}
+    J = np.array([[1.0, 0.0, 0.0, 2.0, 5.0], [0.0, 1.0, 0.0, 7.0, 3.0]])
+    r = np.array([0.5, -1.5])
+    both = np.column_stack([J[:, :3], J[:, 3] + J[:, 4]])
+    whole = summed(np.eye(3), blocks, [(("mounting", "a", "a"), J.T @ J, J.T @ r, float(r @ r), 2)])
+    np.testing.assert_allclose(whole.information, both.T @ both)
+    np.testing.assert_allclose(whole.vector, both.T @ r)
