@@ -19,6 +19,7 @@ from starplumb.mission.policies import Mission, compared
 from starplumb.mission.trend import YEAR_NS, trend
 from starplumb.physics.errors import InputError
 from starplumb.physics.units import ARCSEC
+from starplumb.session.mission.fleet_document import satellites
 from test_archive import archive_of, saved
 
 SIGMA = np.array([1.0, 1.0, 3.0]) * ARCSEC
@@ -282,3 +283,53 @@ def test_an_archive_without_campaigns_has_no_trend(tmp_path):
     empty = sp.open_archive(tmp_path / "empty.db", create=True)
     with pytest.raises(InputError, match="found no campaign"):
         empty.trend()
+
+
+@pytest.fixture(scope="module")
+def two(tmp_path_factory):
+    """One campaign of each of two satellites, 200 days apart."""
+    folder = tmp_path_factory.mktemp("two")
+    paths = mission(np.random.default_rng(8), folder, [0.0, 200.0])
+    archive = sp.open_archive(folder / "fleet.db", create=True)
+    for path, name in zip(paths, ("OLD", "NEW"), strict=True):
+        archive.add(saved(path), satellite=name)
+    return archive
+
+
+def test_a_fleet_is_seen_from_one_time(two):
+    """The rows are the trends at the time of the latest campaign, and the old one is the first."""
+    rows = satellites(two)
+    at = two.trend("NEW").document["at"]
+    assert [row["satellite"] for row in rows] == ["OLD", "NEW"]
+    assert [row["age_days"] for row in rows] == pytest.approx([200.0, 0.0], abs=0.1)
+    for row in rows:
+        trend_there = two.trend(row["satellite"], at=at).document
+        wanted = trend_there["recommendation"]
+        assert (row["loss_m"], row["loss_arcsec"]) == pytest.approx(
+            (wanted["rms_if_issued_m"], wanted["rms_if_issued_arcsec"]), rel=1e-6
+        )
+        assert (row["action"], row["calibrate_by"]) == (wanted["action"], wanted["calibrate_by"])
+        assert row["sigma_arcsec"] == pytest.approx(trend_there["forecast"][0]["sigma_arcsec"])
+    assert rows[0]["loss_m"] > 1.5 * rows[1]["loss_m"]
+
+
+def test_an_event_is_of_a_satellite_that_there_is(two, tmp_path):
+    when = "2000-06-15T00:00:00"
+    done = starplumb("archive", "event", two.path, when, "safe mode")
+    assert done.status == 2
+    assert "--satellite: found several satellites in" in done.err
+    assert "wanted one of: 'NEW', 'OLD'" in done.err
+    with pytest.raises(InputError, match=r"found 'OLDD' in .*wanted one of: .*\(did you mean OLD\?\)"):
+        two.event(when, "safe mode", satellite="OLDD")
+    assert two.event(when, "safe mode", satellite="OLD")["satellite"] == "OLD"
+    only = sp.open_archive(tmp_path / "one.db", create=True)
+    assert only.event(when, "to come", satellite="S")["satellite"] == "S"
+    only.add(two.path.parent / "c0" / "result", satellite="S1")
+    assert only.event(when, "safe mode")["satellite"] == "S1"
+    assert [e["kind"] for e in only.trend().document["events"]] == ["safe mode"]
+
+
+def test_a_campaign_that_is_there_keeps_its_satellite(two):
+    done = starplumb("archive", "add", two.path, two.path.parent / "c0" / "result", "--satellite", "NEW")
+    assert done.status == 0
+    assert "there already as one of 'OLD', which stays so: --satellite NEW changes nothing" in done.out

@@ -63,9 +63,10 @@ def _satellites(d: Document) -> tuple[Table, ...]:
     )
     marked = frozenset(i for i, row in enumerate(d["satellites"]) if row["action"] == "calibrate")
     note = (
-        "Loss: expected error on the ground (rms, at the nadir, across the line of sight) over the next 30 days with "
+        "Loss: expected error on the ground (rms, at the nadir, across the line of sight) over 30 days with "
         "the mounting that was issued, or (in brackets) with the foretold one where none was. "
-        "Age: from its last campaign to the latest of the archive. Sigma in arcsec, the larger of x and y. "
+        "All of it is as seen from the latest campaign of the archive. Age: from its own last one. "
+        "Sigma in arcsec, the larger of x and y. "
         "Change: the surest one and its probability by chance."
     )
     return (Table("Satellites", head, rows, 1, marked, note),) if rows else ()

@@ -64,10 +64,7 @@ def event(
     time: Annotated[str, typer.Argument(help="When, ISO 8601 in UTC.", metavar="TIME")],
     kind: Annotated[str, typer.Argument(help="What happened, in a word or two.", metavar="KIND")],
     note: Annotated[str, typer.Option("--note", metavar="TEXT", help="More of it.")] = "",
-    satellite: Annotated[
-        str | None,
-        typer.Option("--satellite", metavar="NAME", help="The satellite [default: the archive's]."),
-    ] = None,
+    satellite: OfSatellite = None,
     json: Json = False,
     quiet: Quiet = False,
     verbose: Verbose = False,

@@ -81,6 +81,10 @@ def add(
     speak.document(done)
     for one in done["campaigns"]:
         state = one["status"] if one["new"] else "there already"
+        if satellite not in (None, one["satellite"]):
+            state += (
+                f" as one of {one['satellite']!r}, which stays so: --satellite {satellite} changes nothing"
+            )
         lacking = "" if one["kept"] else "; not all of its files are kept, so that it cannot be run again"
         speak.show(f"{one['id'][:12]}  {one['name']}: {state}{lacking}")
 

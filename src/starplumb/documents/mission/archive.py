@@ -49,10 +49,11 @@ class ArchiveInitDocument(Document):
 
 class Added(Part):
     """A campaign that was asked to be added; ``new`` is false where it was there already, ``kept`` true where all its
-    files are kept beside the archive, so that it can be run again."""
+    files are kept beside the archive, so that it can be run again.  ``satellite`` is the one that it has there."""
 
     id: str
     name: str
+    satellite: str
     status: str
     new: bool
     kept: bool

@@ -24,9 +24,9 @@ class FleetCampaign(Part):
 
 
 class FleetSatellite(Part):
-    """A mounting: the rms error across the line of sight over the next 30 days of the one in use (of the foretold one
-    where none was issued), its age at the time of the latest campaign of all, the surest change, what to do, and the
-    last campaigns about the axis that moved most."""
+    """A mounting as seen from the time of the latest campaign of all: the rms error across the line of sight over the
+    30 days from then of the one in use (of the foretold one where none was issued), its age, sigma, what to do; the
+    surest change, and the last campaigns about the axis that moved most."""
 
     satellite: str
     from_: str = Field(alias="from")

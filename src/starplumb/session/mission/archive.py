@@ -21,7 +21,7 @@ from ..arguments import Positive, Wanted, checked
 from ..result import Result
 from ..show import Shown
 from .adding import Coming, coming
-from .entries import SHORT, day, entry_document, instrument_of, one_of, state
+from .entries import SHORT, day, entry_document, instrument_of, one_of, satellite_of, state
 from .known import known as known_of
 from .known import mounting_at
 
@@ -77,6 +77,7 @@ class Archive(Shown):
                 kept = [self._keep(one) for one in found]
                 with store.transaction(database):
                     new = [self._insert(database, one) for one in found]
+                of = dict(database.execute("SELECT id, satellite FROM campaign"))
             except BaseException:
                 blobs.drop(self.path, unite.unnamed(database, absent))
                 raise
@@ -84,7 +85,14 @@ class Archive(Shown):
             "schema": "starplumb-archive-add/1",
             "archive": str(self.path),
             "campaigns": [
-                {"id": c.row.id, "name": c.row.name, "status": c.row.status, "new": fresh, "kept": all_there}
+                {
+                    "id": c.row.id,
+                    "name": c.row.name,
+                    "satellite": of[c.row.id],
+                    "status": c.row.status,
+                    "new": fresh,
+                    "kept": all_there,
+                }
                 for c, fresh, all_there in zip(found, new, kept, strict=True)
             ],
             "notices": [notice for one in found for notice in one.notices],
@@ -149,10 +157,14 @@ class Archive(Shown):
     def event(
         self, time: str, kind: Words, note: str = "", satellite: Satellite | None = None
     ) -> dict[str, Any]:
-        """Note what happened to a satellite at a time (UTC): a safe mode, a manoeuvre, another star tracker."""
+        """Note what happened to a satellite at a time (UTC): a safe mode, a manoeuvre, another star tracker.
+
+        ``satellite`` can be left out where the archive has one.  Raises InputError for one that it does not know.
+        """
         t_ns = time_of("time", time)
         with store.opened(self.path) as database, store.transaction(database):
-            name = self._default(database) if satellite is None else satellite
+            known_ones = instruments(database)
+            name = satellite_of(str(self.path), known_ones, self._default(database), satellite)
             found = records.add_event(database, name, t_ns, kind, note, utc_now())
         return {
             "schema": "starplumb-archive-event/1",

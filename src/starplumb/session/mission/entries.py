@@ -86,6 +86,21 @@ def instrument_of(
     return chosen[0]
 
 
+def satellite_of(name: str, firsts: Sequence[Instrument], own: str, satellite: str | None) -> str:
+    """The satellite that is meant: the one that is asked for, or the only one that the archive has campaigns of or is
+    itself of.  Raises InputError where it knows several or others; one without campaigns and name takes any."""
+    names = list(dict.fromkeys([*([own] if own else []), *(one.satellite for one in firsts)]))
+    if satellite in names or not names:
+        return satellite or ""
+    if satellite is None and len(names) == 1:
+        return names[0]
+    said = "found several satellites" if satellite is None else f"found {satellite!r}"
+    near = nearest(satellite, names) if satellite else None
+    hint = f" (did you mean {near}?)" if near else ""
+    listed = ", ".join(map(repr, names[:6])) + (", ..." if len(names) > 6 else "")
+    raise ArgumentError("satellite", f"{said} in {name}, wanted one of: {listed}{hint}")
+
+
 def one_of(found: Sequence[Entry], campaign: str) -> Entry:
     """A campaign by the first characters of its id, or by its name.  Raises ArgumentError where it is not one."""
     hits = [e for e in found if e.name == campaign or (len(campaign) >= LEAST and e.id.startswith(campaign))]
