@@ -202,3 +202,21 @@ def test_an_ascii_grid_must_be_said_to_be_in_degrees(tmp_path):
     path.write_text(ASC + HEIGHTS)
     with pytest.raises(InputError, match="EPSG:4326"):
         read_relief(path, "EPSG:32633", "ellipsoidal", None)
+
+
+def test_complex_values_are_refused(tmp_path):
+    rasterio = pytest.importorskip("rasterio")
+    path = tmp_path / "radar.tif"
+    place = rasterio.Affine(1e-5, 0.0, 9.0, 0.0, -1e-5, 45.0)
+    profile = {
+        "driver": "GTiff",
+        "width": 4,
+        "height": 4,
+        "count": 1,
+        "dtype": "complex64",
+        "transform": place,
+    }
+    with rasterio.open(path, "w", **profile) as file:
+        file.write(np.ones((1, 4, 4), np.complex64))
+    with pytest.raises(InputError, match="found complex values, wanted real ones"):
+        open_pixels(path, 1)

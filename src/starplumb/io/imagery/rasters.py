@@ -133,6 +133,10 @@ def open_pixels(path: Path, band: int) -> Pixels:
         return PngPixels(path, band)
     dataset = open_raster(path)
     _require_band(path, band, int(dataset.count))
+    if str(dataset.dtypes[band - 1]).startswith("complex"):
+        raise InputError(
+            f"{path}: found complex values, wanted real ones, such as the amplitudes of a radar image"
+        )
     return GdalPixels(path, band, dataset)
 
 
