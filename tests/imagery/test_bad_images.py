@@ -54,6 +54,12 @@ def test_a_file_that_breaks_off_leaves_its_image_out_and_no_other(rng):
     assert len(one.used) == len(alone.used) >= 2
 
 
+@pytest.mark.slow
+def test_an_image_smaller_than_a_chip_is_told(rng):
+    (image,) = measure_images(small_world(rng), PRIOR, OWN, Wanted(chip_px=140))
+    assert image.reason == "its 150 x 150 pixels have no room for chips of 140 px (measure.chip_px)"
+
+
 @pytest.mark.parametrize(
     ("spoil", "said"),
     [

@@ -169,6 +169,8 @@ def measure_image(
         # far from where they were predicted the chips' affine tells their place less well
         done = matched(scene, fitted.C_EK, image, brightness=brightness)
         fitted = _fitted(scene.campaign, fitted.C_EK, image, done, sigma_K)
+    if not done:
+        return MeasuredImage(image, found.C_EK, found, (), reason=_no_room(scene, image, wanted))
     return _too_few(image, found, done) if fitted is None else _told(image, found, done, fitted, wanted)
 
 
@@ -176,6 +178,16 @@ def _moved(done: list[Chip]) -> Array:
     """How far chips (n, 2) that matched were found from where they were predicted, their median."""
     used = [chip.candidate for chip in done if chip.candidate.verdict == Verdict.USED]
     return np.asarray(np.median([c.pixel - c.place for c in used], axis=0))
+
+
+def _no_room(scene: Scene, image: int, wanted: Wanted) -> str:
+    """Why an image has no chips at all."""
+    if scene.chip_half_m is not None:
+        return (
+            f"no chip of the library lies in it with {wanted.chip_px} px (measure.chip_px) around its centre"
+        )
+    columns, rows = scene.raws[image].size_px
+    return f"its {columns} x {rows} pixels have no room for chips of {wanted.chip_px} px (measure.chip_px)"
 
 
 def _too_few(image: int, found: Found, done: list[Chip]) -> MeasuredImage:
