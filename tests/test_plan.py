@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import itertools
 import json
+import re
+import tomllib
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +25,9 @@ from starplumb.io.scenario.candidates import (
 )
 from starplumb.io.scenario.read import find_scenario, read_scenario
 from starplumb.io.scenario.tied import tied_scenario
+from starplumb.physics import so3
 from starplumb.physics.earth import C_JT, itrf_to_geodetic
+from starplumb.physics.errors import InputError
 from starplumb.physics.units import ARCSEC, DEG
 from starplumb.plan.bound import bound_E
 from starplumb.plan.choice.certificate import Room, certificate
@@ -31,6 +36,7 @@ from starplumb.plan.choice.information import Information
 from starplumb.plan.choice.kinds import TIES, USUAL, kinds
 from starplumb.plan.choice.pick import Design, Limits, State, best_first, exchange, greedy
 from starplumb.plan.choice.views import Sites, limits, slots, views
+from starplumb.report.text import counted
 from starplumb.session.planning.choice import covariance, picked
 
 P0 = np.eye(3) * DEG**2
@@ -343,14 +349,49 @@ def test_the_command_writes_a_plan_and_says_what_limits(tmp_path):
     assert rows[0].startswith("order,time,site")
 
 
+def mounted(name, C_EK):
+    """A shipped scenario with another true mounting."""
+    config = tomllib.loads(find_scenario(name).read_text(encoding="utf-8"))
+    turn = (so3.log(C_EK) / DEG).tolist()
+    return config | {"mounting": {"from": "camera", "to": "star_tracker", "rotation_vector_deg": turn}}
+
+
+def test_the_mounting_of_another_camera_is_refused():
+    """Its covariance is about other axes: 4 deg away it is this camera's, 6 deg away another's."""
+    result = sp.calibrate(sp.demo(images=3))
+    for away, fits in ((4.0, True), (6.0, False)):
+        C_EK = so3.exp(np.array([away, 0.0, 0.0]) * DEG) @ result.C_EK
+        scenario = sp.scenario(mounted("cubesat-6u", C_EK))
+        asked = partial(sp.plan_images, scenario, 1, given=result, start="2026-05-10T09:40:00", days=10.0)
+        if fits:
+            assert asked().document["before"]["given"] == "the result"
+        else:
+            with pytest.raises(InputError, match=f"found a mounting {away:g} deg from the scenario's "):
+                asked()
+
+
+def test_one_is_no_plural():
+    assert [counted(1, "pass", "passes"), counted(2, "pass", "passes"), counted(0, "view")] == [
+        "1 pass",
+        "2 passes",
+        "0 views",
+    ]
+    said = starplumb("plan", "cubesat-6u", "--images", "1", "--days", "10").out
+    assert not re.search(r"\b1 (views|passes|images)\b", said)
+
+
 @pytest.mark.slow
 def test_an_archive_of_several_satellites_is_asked_for_one(tmp_path):
     archive = sp.open_archive(tmp_path / "fleet.db", create=True)
     for name, seed in (("S1", 1), ("S2", 2)):
         archive.add(sp.calibrate(sp.demo(images=3, seed=seed)), satellite=name)
+    text = find_scenario("cubesat-6u").read_text(encoding="utf-8")
+    turn = (so3.log(sp.demo(images=3).C_EK_true) / DEG).tolist()
+    scenario = tmp_path / "scenario.toml"
+    scenario.write_text(text.replace("[0.0, -110.0, 0.0]", str(turn)), encoding="utf-8")
     asked = (
         "plan",
-        "cubesat-6u",
+        scenario,
         "-n",
         1,
         "--days",
@@ -365,9 +406,7 @@ def test_an_archive_of_several_satellites_is_asked_for_one(tmp_path):
     assert "--satellite: found several mountings" in done.err
     found = json.loads(starplumb(*asked, "--satellite", "S2", "--json").out)
     known = sp.predict(archive.path, "2026-03-20T00:00:00", satellite="S2").covariance_arcsec2
-    np.testing.assert_allclose(
-        found["before"]["sigma_arcsec"], np.sqrt(np.diagonal(known.covariance_arcsec2)), rtol=1e-6
-    )
+    np.testing.assert_allclose(found["before"]["sigma_arcsec"], np.sqrt(np.diagonal(known)), rtol=1e-6)
 
 
 @pytest.mark.slow
@@ -384,7 +423,9 @@ def test_what_is_known_already_is_taken_whole(tmp_path):
     """Against the sum of informations: what was given and what the images tell are of different sightings."""
     campaign = sp.demo(images=3)
     result = sp.calibrate(campaign)
-    found = sp.plan_images(sp.scenario("vhr-0.3m"), 2, given=result, start="2026-05-10T09:40:00")
+    found = sp.plan_images(
+        sp.scenario(mounted("vhr-0.3m", result.C_EK)), 2, given=result, start="2026-05-10T09:40:00"
+    )
     given = found.document["before"]
     assert given["given"] == "the result"
     later = sp.predict(result, "2026-05-10T09:40:00").covariance_arcsec2

@@ -260,8 +260,9 @@ def test_the_page_stands_alone(moved, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (("event", "yesterday", "x"), "--time: "),
+        (("event", "yesterday", "x"), ": TIME: "),
         (("trend", "--at", "never"), "--at: "),
+        (("withdraw", "zzz", "--reason", "x"), ": CAMPAIGN: found no such campaign under 'zzz'"),
         (("trend", "--horizon-days", "-3"), "--horizon-days: found -3.0, wanted a positive number"),
         (("issue", "--reason", " "), "--reason: found ' ', wanted some words"),
         (

@@ -40,6 +40,18 @@ class WithNumbers(TyperCommand):
         rest: list[str] = super().parse_args(ctx, args)
         return rest
 
+    def invoke(self, ctx: Any) -> Any:
+        """Run it.  Raises InputError, where an argument is unusable, by the name that the command line has for it."""
+        from ..physics.errors import ArgumentError, InputError
+
+        try:
+            return super().invoke(ctx)
+        except ArgumentError as error:
+            found = _asked_as(error.argument, self.get_params(ctx))
+            if found is None:
+                raise
+            raise InputError(f"{found}{str(error).removeprefix(error.argument)}") from None
+
     def _require_numbers(self, ctx: Any, args: list[str]) -> None:
         """Raise BadParameter for a text in place of a number, and for a number out of its bounds."""
         from ..io.text.files import show
@@ -56,6 +68,15 @@ class WithNumbers(TyperCommand):
     def get_short_help_str(self, limit: int = 45) -> str:
         """The first paragraph of the help, however long."""
         return _summary(self.help)
+
+
+def _asked_as(argument: str, parameters: list[Any]) -> str | None:
+    """What the command line calls an argument of a function: an option, or a word of its usage; None for another."""
+    parameter = next((p for p in parameters if p.name == argument), None)
+    if parameter is None:
+        return None
+    long = next((name for name in _names(parameter) if name.startswith("--")), None)
+    return long or str(parameter.metavar or parameter.name.upper()).rstrip(".")
 
 
 def _number_asked(hint: Any) -> tuple[type | None, tuple[float | None, float | None]]:

@@ -10,7 +10,7 @@ import numpy as np
 from .charts.chart import Axis, Chart, Dots, Line, Mark
 from .land import coast, region
 from .page import Figure, Page, Section, Table, render
-from .text import number, triple
+from .text import counted, number, triple
 
 Document = Mapping[str, Any]
 
@@ -56,14 +56,15 @@ def _sentences(d: Document) -> tuple[str, ...]:
 def _summary(d: Document) -> str:
     last = d["images"][-1]
     return (
-        f"{len(d['images'])} images from {d['start'][:10]} to {d['end'][:10]} give the mounting to "
+        f"{counted(len(d['images']), 'image')} from {d['start'][:10]} to {d['end'][:10]} "
+        f"give{'s' * (len(d['images']) == 1)} the mounting to "
         f"{triple(last['sigma_arcsec'])} arcsec about x, y, z, {number(last['rms_m'])} m on the ground."
     )
 
 
 def _kinds(d: Document) -> Table:
     before = d["before"]
-    have = before["given"] or f"{before['images']} images of the usual kind"
+    have = before["given"] or f"{counted(before['images'], 'image')} of the usual kind"
     rows = [(k["kind"], str(k["images"]), number(k["rms_m"])) for k in d["kinds"]]
     caption = f"What some more images of a kind leave, after {have} ({number(before['rms_m'])} m)"
     return Table(caption, ("kind of view", "images", "on the ground, m"), rows)
@@ -91,9 +92,8 @@ def _accuracy(d: Document) -> tuple[Figure, ...]:
         Axis("on the ground, m", float(low / 1.2), float(high * 1.2), log=True),
         tuple(marks),
     )
-    alt = (
-        f"The error on the ground falls from {number(rms[0])} to {number(rms[-1])} m over {rms.size} images."
-    )
+    over = counted(rms.size, "image")
+    alt = f"The error on the ground falls from {number(rms[0])} to {number(rms[-1])} m over {over}."
     return (Figure(chart, "accuracy", alt, "The error on the ground (rms over the field) after each image."),)
 
 
@@ -157,8 +157,10 @@ def _trust(d: Document) -> tuple[str, ...]:
     c, b = d["checked"], d["bound"]
     return (
         f"Criterion: {d['criterion']}.",
-        f"Chosen from {d['candidates']['views']} views in {d['candidates']['passes']} passes over "
-        f"{len(d['candidates']['sites'])} sites. No choice of as many can leave less than {number(b['rms_m'])} m "
+        f"Chosen from {counted(d['candidates']['views'], 'view')} in "
+        f"{counted(d['candidates']['passes'], 'pass', 'passes')} over "
+        f"{counted(len(d['candidates']['sites']), 'site')}. No choice of as many can leave less than "
+        f"{number(b['rms_m'])} m "
         "(a bound by the convex problem in which images may be taken in part).",
         f"By the whole noise model, every image being clear, the chosen ones leave {number(c['rms_m'])} m "
         f"({triple(c['sigma_arcsec'])} arcsec); by the sums that they were chosen by {number(c['chosen_by_rms_m'])} m.",

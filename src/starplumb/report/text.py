@@ -63,6 +63,11 @@ def length(metres: float | None) -> str:
     return f"{number(metres / 1e3)} km" if abs(metres) >= 1e4 else f"{number(metres)} m"
 
 
+def counted(n: int, one: str, several: str | None = None) -> str:
+    """``1 image``, ``2 images``."""
+    return f"{n} {one if n == 1 else several or f'{one}s'}"
+
+
 def listed(words: Iterable[str]) -> str:
     """``a, b and c``."""
     *rest, last = words

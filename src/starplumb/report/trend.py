@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from .charts.chart import Area, Axis, Chart, Dots, Line, Mark, Role, span
 from .page import Figure, Page, Section, Table, Tone, render
 from .plots import Points, scatter
+from .text import counted
 
 Array = NDArray[np.float64]
 Document = Mapping[str, Any]
@@ -116,7 +117,7 @@ def _figure(d: Document, k: int) -> Figure:
         Dots(t, value, "two", tips=tips, filled=True, size=0.3 + 0.7 * thin),
     )
     chart = Chart(Axis("date (UTC)", *span([t, later, events, issued]), dates=True), y, marks)
-    ends = f"{value.min():.2f} to {value.max():.2f} arcsec in {value.size} campaigns"
+    ends = f"{value.min():.2f} to {value.max():.2f} arcsec in {counted(value.size, 'campaign')}"
     alt = f"The mounting about {axis} against time: {ends}."
     words = (
         "; dotted: events; dash-dotted: from when a mounting was issued" if d["events"] or d["issued"] else ""
@@ -198,7 +199,8 @@ def _advice(a: Document) -> Table:
         (words, _number(a[f"rms_{key}_arcsec"], "arcsec"), _number(a[f"rms_{key}_m"], "m"))
         for key, words in keys
     ]
-    caption = f"Expected error across the line of sight over {a['horizon_days']:g} days (rms)"
+    days = a["horizon_days"]
+    caption = f"Expected error across the line of sight over {days:g} day{'s' * (days != 1)} (rms)"
     return Table(caption, ("with", "angle", "on the ground"), rows)
 
 

@@ -11,7 +11,7 @@ from ...judge.calibrate import Calibration
 from ...physics.units import ARCSEC
 from ..cameras import cameras_section
 from ..page import Page, Section, Tone, render
-from ..text import length, listed, measured
+from ..text import counted, length, listed, measured
 from . import figures, lists, tables
 from .facts import facts, in_the_camera
 from .fit_figures import image_panels, normality, own_over_the_field
@@ -45,7 +45,7 @@ def calibration_page(calibration: Calibration, document: Mapping[str, Any]) -> s
 def summary(c: Calibration, document: Mapping[str, Any]) -> str:
     """The sentence with the correction, the larger of its sigmas, and the data it is from."""
     tracker, fit = document["mounting"]["to"], document["fit"]
-    made = f"{fit['observations']} sightings in {_count(fit['images'], 'image')}"
+    made = f"{counted(fit['observations'], 'sighting')} in {counted(fit['images'], 'image')}"
     if not c.status.usable:
         return f"No alignment can be given from {made}: {c.message}."
     sigma = c.leading_sigma_E
@@ -63,10 +63,6 @@ def summary(c: Calibration, document: Mapping[str, Any]) -> str:
         f"Turn the camera's mounting by ({turn}) arcsec about x, y, z of {tracker}{doubt}, "
         f"from {made}.{ground}"
     )
-
-
-def _count(n: int, word: str) -> str:
-    return f"{n} {word}{'s' * (n != 1)}"
 
 
 def _sections(c: Calibration, document: Mapping[str, Any]) -> tuple[Section, ...]:

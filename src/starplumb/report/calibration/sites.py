@@ -15,7 +15,7 @@ from ..charts.chart import Dots, Mark
 from ..land import coast, region
 from ..page import Figure, Table
 from ..plots import Vectors, vectors
-from ..text import length, number
+from ..text import counted, length, number
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -74,7 +74,8 @@ def site_map(c: Calibration, found: tuple[Site, ...]) -> tuple[Figure, ...]:
     places = np.stack([longitude, np.array([site.latitude for site in found]) / DEG], axis=-1)
     means = np.array([np.mean(c.residuals.after_m[site.rows], axis=0) for site in found])
     read = [
-        f"{site.place}: {length(float(np.hypot(*mean)))} of {site.rows.size} sightings in {site.images} images"
+        f"{site.place}: {length(float(np.hypot(*mean)))} of {counted(site.rows.size, 'sighting')} in "
+        f"{counted(site.images, 'image')}"
         for site, mean in zip(found, means, strict=True)
     ]
     west, east, south, north = region(places)

@@ -15,6 +15,7 @@ from ...physics import so3
 from ...physics.units import ARCSEC
 from ...table.parameter_names import UNITS, unit_of
 from ..page import Table
+from ..text import counted
 
 if TYPE_CHECKING:
     from ...identify.labelling import Labels
@@ -61,23 +62,26 @@ def summary_sentences(c: Calibration) -> list[str]:
     """Counts, status, fit and geolocation, a line each."""
     used = c.residuals.used
     images = np.unique(c.campaign.sightings.image[used]).size
-    lines = [f"{images} images, {int(np.sum(used))} observations; status {c.status.name.lower()}"]
+    lines = [
+        f"{counted(images, 'image')}, {counted(int(np.sum(used)), 'observation')}; status {c.status.name.lower()}"
+    ]
     if c.estimate.chi2 is not None and c.chi2_p is not None and c.estimate.degrees_of_freedom is not None:
         dof = int(c.estimate.degrees_of_freedom)
         lines.append(
             f"chi-square {float(c.estimate.chi2):.1f} for {dof} degrees of freedom (p = {c.chi2_p:.3g})"
         )
-    for check, name in ((False, "control points"), (True, "check points")):
+    for check, name in ((False, "control point"), (True, "check point")):
         before, after = c.accuracy(False, check), c.accuracy(True, check)
         if after is not None:
             was = "off the Earth" if before is None else f"{before.rmse:.3g} m"
             lines.append(
-                f"geolocation of {after.n} {name}: {was} rms before, {after.rmse:.3g} m after (CE90 {after.ce90:.3g} m)"
+                f"geolocation of {counted(after.n, name)}: {was} rms before, {after.rmse:.3g} m after "
+                f"(CE90 {after.ce90:.3g} m)"
             )
     if c.rejected:
         kinds = [r.reason.split(":")[0] for r in c.rejected]
         counts = ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds))
-        lines.append(f"rejected {len(c.rejected)} sightings ({counts}): see result.json")
+        lines.append(f"rejected {counted(len(c.rejected), 'sighting')} ({counts}): see result.json")
     return lines
 
 

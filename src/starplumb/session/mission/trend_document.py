@@ -126,7 +126,8 @@ def _words(of: Known, change: Change) -> str:
         why = f" ({', '.join(told)})" if told else ""
         return f"jump {_time(before)[:10]} to {_time(after)[:10]}{why}"
     if change.kind == "trend":
-        return f"steady trend, over {(t[-1] - t[0]) / YEAR_NS:.2g} years"
+        long = f"{(t[-1] - t[0]) / YEAR_NS:.2g}"
+        return f"steady trend, over {long} year{'s' * (long != '1')}"
     kind, _, name = change.kind.partition(":")
     return {"season": "with the year, half its range", "orbit phase": "with the orbit, half its range"}.get(
         kind, f"with the temperature {name}, half its range"
@@ -168,7 +169,7 @@ def _sentence(found: Advice, height_m: float | None, by: str | None, days: float
     def size(angle: float) -> str:
         return f"{angle / ARCSEC:.2f} arcsec" if height_m is None else f"{angle * height_m:.2f} m"
 
-    over = f"over the next {days:g} days"
+    over = f"over the next {days:g} days" if days != 1 else "over the next day"
     due = "" if by is None else f"; calibrate again by {by[:10]}"
     if found.action == "calibrate":
         change = f"{size(found.if_issued)} to {size(found.if_calibrated)}"

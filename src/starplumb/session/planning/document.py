@@ -15,6 +15,7 @@ from ...physics.timescales import format_iso
 from ...physics.units import ARCSEC, DEG
 from ...plan.choice.kinds import TIES, USUAL
 from ...plan.scene import epochs_ns
+from ...report.text import counted
 from ...study.budget_document import about
 from .choice import Choice
 
@@ -172,8 +173,8 @@ def _doubts(found: Choice) -> Iterator[str]:
         yield "each image counts by its chance of a clear sky; which of them succeed decides the real accuracy"
     if len(found.picks) < found.asked.count and found.asked.sigma <= 0.0:
         yield (
-            f"found {len(found.picks)} images that can be taken in the span, wanted {found.asked.count}; a longer "
-            "span, more sites or quicker turns give more"
+            f"found {counted(len(found.picks), 'image')} that can be taken in the span, wanted {found.asked.count}; a "
+            "longer span, more sites or quicker turns give more"
         )
 
 
@@ -181,7 +182,7 @@ def words(found: Choice) -> Iterator[str]:
     """What is badly determined, and which kind of view cures it."""
     P, n = found.before_E, len(found.before)
     axis = _worst(found, P)
-    have = "what is given" if found.asked.P_theta is not None else f"{n} views of the usual kind"
+    have = "what is given" if found.asked.P_theta is not None else f"{counted(n, 'view')} of the usual kind"
     if n or found.asked.P_theta is not None:
         size = float(np.sqrt(axis @ P @ axis)) / ARCSEC
         named = [
@@ -229,7 +230,7 @@ def _target(found: Choice, last: Array) -> dict[str, Any]:
     wanted, have = found.asked.sigma / ARCSEC, max(_sigma(last))
     reached = have <= wanted * (1.0 + 1e-9)
     if reached:
-        said = f"{wanted:g} arcsec about each axis is reached with {len(found.picks)} images"
+        said = f"{wanted:g} arcsec about each axis is reached with {counted(len(found.picks), 'image')}"
     else:
         k = int(np.argmax(np.diagonal(last)))
         shares = found.shares(found.picks, np.eye(3)[k])
@@ -240,7 +241,7 @@ def _target(found: Choice, last: Array) -> dict[str, Any]:
             else "it is limited by errors that each image has for itself: more images lower it"
         )
         said = (
-            f"{wanted:g} arcsec about each axis is not reached with {len(found.picks)} images: "
+            f"{wanted:g} arcsec about each axis is not reached with {counted(len(found.picks), 'image')}: "
             f"{have:.3g} arcsec about {'xyz'[k]} are left; {cause}"
         )
     return {"target_arcsec": wanted, "reached": reached, "in_words": said}

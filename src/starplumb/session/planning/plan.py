@@ -13,11 +13,13 @@ from numpy.typing import NDArray
 from ...io.scenario.candidates import Stage, home_site, stage
 from ...io.scenario.plan_config import MOST_DAYS
 from ...io.scenario.site_table import read_site_table
+from ...physics import so3
 from ...physics.errors import ArgumentError, EpochError, InputError
 from ...physics.timescales import format_iso, parse
-from ...physics.units import ARCSEC
+from ...physics.units import ARCSEC, DEG
 from ...plan.choice.views import Sites
 from ...report.page import Table
+from ...report.text import counted
 from ..arguments import Folder, Positive, Wanted, checked
 from ..frames import Frame
 from ..motion.prediction import predict
@@ -37,6 +39,8 @@ MARK = ("plan.json", SCHEMA)
 PLAN_FILES = (MARK[0], "plan.csv", "plan.html")
 SAME_SITE_M = 5e3
 """A place of the table so near to the scenario's own site is that."""
+SAME_MOUNTING = 5.0 * DEG
+"""A mounting that is given may be so far from the scenario's; one farther away is of another camera."""
 SHOWN = 12
 """Images in the printed table; ``plan.csv`` and ``--json`` have all."""
 
@@ -104,10 +108,14 @@ class Plan(Shown):
     def sentences(self) -> Sequence[str]:
         d = self.document
         left = len(d["images"]) - SHOWN
-        lines = [*([f"and {left} more images (plan.csv)"] if left > 0 else []), *d["in_words"]]
+        lines = [
+            *([f"and {left} more image{'s' * (left != 1)} (plan.csv)"] if left > 0 else []),
+            *d["in_words"],
+        ]
         bound, usual, rms = d["bound"], d["usual"], d["images"][-1]["rms_m"]
         lines.append(
-            f"{len(d['images'])} of {d['candidates']['views']} views in {d['candidates']['passes']} passes leave "
+            f"{len(d['images'])} of {counted(d['candidates']['views'], 'view')} in "
+            f"{counted(d['candidates']['passes'], 'pass', 'passes')} leave{'s' * (len(d['images']) == 1)} "
             f"{rms:.3g} m; no choice of as many can leave less than {bound['rms_m']:.3g} m "
             f"(this one is within {max(bound['within_percent'], 0.1):.2g} %)"
         )
@@ -117,7 +125,9 @@ class Plan(Shown):
                 f"with {ties['each']} tie points at each site the same images leave {ties['rms_m']:.3g} m"
             )
         if usual["rms_m"] is not None:
-            lines.append(f"{usual['images']} views of the usual kind would leave {usual['rms_m']:.3g} m")
+            lines.append(
+                f"{counted(usual['images'], 'view')} of the usual kind would leave {usual['rms_m']:.3g} m"
+            )
         if d["target"] is not None:
             lines.append(d["target"]["in_words"])
         return lines
@@ -153,7 +163,8 @@ def plan_images(
     out: the scenario's) over ``days``, as its section [plan] says.  At most ``images``, fewer where ``target_arcsec``,
     the wanted sigma about each axis, is reached before.  ``given`` is what is known already: a Result, the path of a
     ``result.json`` or of an archive, with the covariance that ``predict`` states for the start, of ``satellite``
-    and ``camera`` where it has several.  Raises InputError where no view is possible.
+    and ``camera`` where it has several.  Raises InputError where no view is possible, and where the given mounting is
+    more than 5 deg from the scenario's.
     """
     read = scenario.read
     notices: list[str] = []
@@ -163,7 +174,7 @@ def plan_images(
     first = _start_ns(flown, start)
     start_s = 1e-9 * (first - flown.epoch_ns)
     end_s = start_s + 86400.0 * (days or read.config.plan.days)
-    known, name = _known(given, first, (satellite, camera), notices)
+    known, name = _known(given, flown, first, (satellite, camera), notices)
     if known is None and scenario.data.prior_E is not None:
         known = scenario.data.prior_E
         name = "the scenario's [initial]"
@@ -184,13 +195,24 @@ def _start_ns(flown: Stage, start: str | None) -> int:
 
 
 def _known(
-    given: Result | str | Path | None, at_ns: int, of: tuple[str | None, str | None], notices: list[str]
+    given: Result | str | Path | None,
+    flown: Stage,
+    at_ns: int,
+    of: tuple[str | None, str | None],
+    notices: list[str],
 ) -> tuple[Array | None, str | None]:
-    """Covariance (3, 3) rad^2 of what is given, at the start of the plan."""
+    """Covariance (3, 3) rad^2 of what is given, at the start of the plan.  Raises InputError where that is the mounting
+    of another camera: its axes would be others."""
     if given is None:
         return None, None
     found = predict(given, format_iso([at_ns], "UTC")[0], satellite=of[0], camera=of[1])
     name = "the result" if isinstance(given, Result) else str(given)
+    away = float(np.linalg.norm(so3.log(found.C_EK @ flown.C_EK.T)))
+    if away > SAME_MOUNTING:
+        raise InputError(
+            f"{name}: found a mounting {away / DEG:.3g} deg from the scenario's ([mounting]), wanted one of the same "
+            f"camera, at most {SAME_MOUNTING / DEG:g} deg from it"
+        )
     if found.covariance_arcsec2 is None:
         raise InputError(
             f"{name}: covariance_arcsec2: found null, wanted a result that states it, such as that of gls"
