@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import gzip
 import json
 import os
 import shutil
 import sqlite3
+import tracemalloc
 from contextlib import closing
+from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
@@ -354,6 +357,38 @@ def test_a_campaign_whose_images_are_gone_is_a_damaged_archive(tmp_path, parts):
     assert 'found a damaged archive ("a campaign without its images")' in done.err
 
 
+ISSUED = (
+    "INSERT INTO validity SELECT 'v', satellite, frame_from, frame_to, {from_ns}, NULL, '{model}', '', NULL, '' "
+    "FROM campaign"
+)
+
+
+@pytest.mark.parametrize(
+    ("verb", "change"),
+    [
+        ("trend", ISSUED.format(from_ns=0, model="{}")),
+        ("trend", ISSUED.format(from_ns=0, model='{"time": 3, "year_time": "2000-01-01T00:00:00"}')),
+        ("trend", ISSUED.format(from_ns=2**62, model="{}")),
+        ("trend", "UPDATE image SET temperatures_json = '1.5'"),
+        ("trend", """UPDATE image SET temperatures_json = '{"plate": "warm"}'"""),
+        ("trend", "UPDATE image SET t_ns = -(1 << 62) + rowid"),
+        ("list", "UPDATE campaign SET first_ns = 1 << 62"),
+        ("list", "UPDATE campaign SET options_json = '[]'"),
+        ("show", "UPDATE normal SET names_json = '7'"),
+        ("trend", "INSERT INTO event SELECT 'e', satellite, 1 << 62, '', '', '' FROM campaign"),
+    ],
+)
+def test_rows_that_hold_something_else_are_a_damaged_archive(tmp_path, parts, verb, change):
+    archive = archive_of(tmp_path, parts["a"])
+    with closing(sqlite3.connect(archive.path)) as database, database:
+        for table in ("image", "campaign", "normal"):
+            database.execute(f"DROP TRIGGER {table}_UPDATE")
+        database.execute(change)
+    done = starplumb("archive", verb, archive.path)
+    assert done.status == 2
+    assert f"{archive.path}: found a damaged archive (" in done.err
+
+
 def test_a_result_that_an_index_has_and_its_table_has_not_is_told(tmp_path, parts):
     archive = archive_of(tmp_path, parts["a"])
     with (
@@ -383,6 +418,34 @@ def test_what_is_not_kept_is_not_run(tmp_path, parts):
     done = archive.rerun()
     assert done["campaigns"] == []
     assert done["not_run"][0]["reason"] == "campaign.toml is not kept"
+
+
+def test_a_pipe_among_the_kept_files_is_not_waited_for(tmp_path, parts):
+    archive = archive_of(tmp_path, parts["a"])
+    digest = next(iter(json.loads((parts["a"] / "result.json").read_text())["inputs"].values()))
+    place = blobs.place_of(archive.path, digest)
+    place.unlink()
+    os.mkfifo(place)
+    assert list(archive.verify()["not_kept"].values()) == [["campaign.toml"]]
+    assert archive.rerun()["not_run"][0]["reason"] == "campaign.toml is not kept"
+    (tmp_path / "other.db.files").mkdir()
+    assert not blobs.keep(tmp_path / "other.db", digest, place)
+
+
+def test_a_kept_file_that_grows_without_end_is_not_unpacked(tmp_path, monkeypatch):
+    monkeypatch.setattr(blobs, "MOST_BYTES", 3 * blobs.PIECE)
+    digest = f"sha256:{sha256(bytes(30 * blobs.PIECE)).hexdigest()}"
+    place = blobs.place_of(tmp_path / "mission.db", digest)
+    place.parent.mkdir(parents=True)
+    place.write_bytes(gzip.compress(bytes(30 * blobs.PIECE)))
+    tracemalloc.start()
+    assert not blobs.is_kept(tmp_path / "mission.db", digest)
+    assert tracemalloc.get_traced_memory()[1] < 8 * blobs.PIECE
+    tracemalloc.stop()
+    monkeypatch.setattr(blobs, "MOST_BYTES", 30 * blobs.PIECE)
+    assert blobs.is_kept(tmp_path / "mission.db", digest)
+    place.write_bytes(place.read_bytes()[:40] + b"\xff" * 40)
+    assert not blobs.is_kept(tmp_path / "mission.db", digest)
 
 
 def test_a_full_disk_leaves_no_kept_files(tmp_path, parts, monkeypatch):

@@ -266,6 +266,14 @@ def test_the_page_stands_alone(moved, tmp_path):
         (("trend", "--horizon-days", "-3"), "--horizon-days: found -3.0, wanted a positive number"),
         (("issue", "--reason", " "), "--reason: found ' ', wanted some words"),
         (
+            ("issue", "--reason", "so\x1b[31m"),
+            "--reason: found 'so\\x1b[31m', wanted text without control characters",
+        ),
+        (
+            ("event", "2000-06-15T00:00:00", "saf\x1b"),
+            "KIND: found 'saf\\x1b', wanted text without control characters",
+        ),
+        (
             ("issue", "--reason", "x", "--start", "2000-03-01T00:00:00"),
             "wanted a time from the last campaign on",
         ),

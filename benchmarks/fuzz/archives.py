@@ -16,6 +16,8 @@ from target import Target
 
 PAGE = 4096
 TABLES = ("satellite", "instrument", "campaign", "input", "image", "unknown", "normal", "event", "validity")
+ROLLBACK = b"\1\1"
+"""The way of writing in the head of a database, in place of the write-ahead log, which none in memory has."""
 
 
 def page(rng: Rng, data: bytes) -> bytes:
@@ -45,7 +47,7 @@ def cell(rng: Rng, data: bytes) -> bytes:
     """A cell of a row that holds something else, which SQLite itself takes."""
     database = sqlite3.connect(":memory:")
     try:
-        database.deserialize(data)
+        database.deserialize(data[:18] + ROLLBACK + data[20:])
         database.execute("PRAGMA ignore_check_constraints=ON")
         database.execute("PRAGMA journal_mode=OFF")
         for (name,) in database.execute("SELECT name FROM sqlite_master WHERE type = 'trigger'").fetchall():
@@ -59,8 +61,9 @@ def cell(rng: Rng, data: bytes) -> bytes:
             value = _other(rng, row[at + 1])
             database.execute(f"UPDATE {table} SET {names[at]} = ? WHERE rowid = ?", (value, row[0]))
         database.commit()
-        return database.serialize()
-    except (sqlite3.Error, OverflowError, UnicodeDecodeError, UnicodeEncodeError):
+        written = database.serialize()
+        return written[:18] + data[18:20] + written[20:]
+    except (sqlite3.DatabaseError, OverflowError, UnicodeDecodeError, UnicodeEncodeError):
         return data
     finally:
         database.close()

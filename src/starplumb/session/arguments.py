@@ -75,8 +75,19 @@ def _form(function: Callable[..., Any]) -> tuple[Signature, dict[str, Hint]]:
 def _taken(name: str, value: object, hint: Hint) -> object:
     fits, taken = _fit(value, hint)
     if not fits:
-        raise ArgumentError(name, f"found {_shown(value)}, wanted {_listed(_words(hint))}")
+        raise ArgumentError(name, f"found {_shown(value)}, wanted {_wanted(value, hint)}")
     return taken
+
+
+def _wanted(value: object, hint: Hint) -> str:
+    """What an annotation asks for: the first of several conditions that a value of its type does not meet."""
+    kind, parts = _parts(hint)
+    if kind is Annotated:
+        fits, taken = _fit(value, parts[0])
+        if fits:
+            failed: Wanted = next(wanted for wanted in parts[1:] if not wanted.holds(taken))
+            return failed.words
+    return _listed(_words(hint))
 
 
 def _parts(hint: Hint) -> tuple[Any, tuple[Any, ...]]:

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import gzip
-from collections.abc import Iterable
+import zlib
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from hashlib import sha256
 from pathlib import Path
 
 from ...disk.staging import staged
+from ..text.files import trouble
 
 MOST_BYTES = 1_000_000_000
 """Of one kept file."""
+PIECE = 1 << 20
+"""Bytes that are unpacked at a time."""
 
 
 def folder_of(archive: Path) -> Path:
@@ -30,6 +34,8 @@ def keep(archive: Path, digest: str, path: Path) -> bool:
     place = place_of(archive, digest)
     if place.is_file():
         return True
+    if trouble(path) is not None:
+        return False
     try:
         data = path.read_bytes()
     except OSError:
@@ -69,11 +75,25 @@ def _write(place: Path, data: bytes) -> None:
         staging.commit([place.name])
 
 
-def kept(archive: Path, digest: str) -> bytes | None:
-    """The bytes of a kept file; None where it is missing or they are no longer what they were."""
+def is_kept(archive: Path, digest: str) -> bool:
+    """Whether a file is kept, and its bytes are what they were."""
+    place, found = place_of(archive, digest), sha256()
+    if trouble(place) is not None:  # a pipe would keep us waiting
+        return False
     try:
-        with gzip.open(place_of(archive, digest)) as file:
-            data = file.read(MOST_BYTES)
-    except (OSError, EOFError, ValueError):
-        return None
-    return data if f"sha256:{sha256(data).hexdigest()}" == digest else None
+        for piece in pieces(archive, digest):
+            found.update(piece)
+    except (OSError, EOFError, ValueError, zlib.error):
+        return False
+    return f"sha256:{found.hexdigest()}" == digest
+
+
+def pieces(archive: Path, digest: str) -> Iterator[bytes]:
+    """The bytes of a kept file, some at a time.  Raises ValueError beyond the size that is allowed."""
+    size = 0
+    with gzip.open(place_of(archive, digest)) as file:
+        while piece := file.read(PIECE):
+            size += len(piece)
+            if size > MOST_BYTES:
+                raise ValueError(f"more than {MOST_BYTES:,} bytes")
+            yield piece

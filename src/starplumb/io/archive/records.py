@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from hashlib import sha256
 from typing import Any
 
+from . import cells
 from .rows import Instrument
 
 
@@ -61,7 +62,7 @@ def events(database: sqlite3.Connection, satellite: str) -> list[Event]:
         "SELECT id, satellite, t_ns, kind, note FROM event WHERE satellite = ? ORDER BY t_ns, id",
         (satellite,),
     )
-    return [Event(*row) for row in rows]
+    return [Event(id_, of, cells.epoch(t_ns), kind, note) for id_, of, t_ns, kind, note in rows]
 
 
 def withdraw(database: sqlite3.Connection, campaign: str, reason: str, now: str) -> None:
@@ -97,6 +98,10 @@ def issued(database: sqlite3.Connection, instrument: Instrument) -> list[Validit
         instrument.key,
     )
     return [
-        Validity(id_, instrument, first, last, json.loads(model), at, before, reason)
+        Validity(id_, instrument, cells.epoch(first), _end(last), cells.model(model), at, before, reason)
         for id_, first, last, model, at, before, reason in rows
     ]
+
+
+def _end(t_ns: int | None) -> int | None:
+    return None if t_ns is None else cells.epoch(t_ns)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ...mission.cameras import about_camera
 from ...mission.joint import CAMERA, Equations, Known, summed
 from ...table.cameras.mounting import RANGE
-from ..text.numbers import MOST_FINITE
+from . import cells
 
 Array = NDArray[np.float64]
 
@@ -161,16 +161,6 @@ def _bytes(values: Array | None) -> bytes | None:
     return None if values is None else np.ascontiguousarray(values, dtype="<f8").tobytes()
 
 
-def _numbers(data: bytes) -> Array:
-    """Numbers as they were kept.  Raises ValueError for what can be none."""
-    if not isinstance(data, bytes):
-        raise ValueError("numbers that are missing")
-    values = np.frombuffer(data, dtype="<f8").astype(np.float64)
-    if not (np.abs(values) < MOST_FINITE).all():
-        raise ValueError("numbers that are not finite")
-    return values
-
-
 def instruments(database: sqlite3.Connection) -> list[Instrument]:
     """Those that have campaigns, of several cameras by the first, in the order of their names."""
     rows = database.execute("SELECT DISTINCT satellite, frame_from, frame_to FROM campaign ORDER BY 1, 2, 3")
@@ -223,15 +213,15 @@ def _entry(row: tuple[Any, ...]) -> Entry:
         inputs,
         Instrument(satellite, frame_from, frame_to),
         name,
-        first,
-        last,
+        cells.epoch(first),
+        cells.epoch(last),
         added,
         software,
         method,
-        json.loads(options),
+        cells.mapping(options),
         status,
-        _numbers(matrix).reshape(3, 3),
-        None if covariance is None else _numbers(covariance).reshape(3, 3),
+        cells.numbers(matrix).reshape(3, 3),
+        None if covariance is None else cells.numbers(covariance).reshape(3, 3),
         images,
         observations,
         bool(summable),
@@ -265,7 +255,7 @@ def images_of(database: sqlite3.Connection, campaign: str) -> list[ImageRow]:
         (campaign,),
     )
     found = [
-        ImageRow(i, t_ns, u, beta, json.loads(temperatures) if temperatures else {}, statistic, n, digest)
+        ImageRow(i, cells.epoch(t_ns), u, beta, cells.temperatures(temperatures), statistic, n, digest)
         for i, t_ns, u, beta, temperatures, statistic, n, digest in rows
     ]
     if not found:
@@ -304,7 +294,7 @@ def _known(rows: Sequence[Sequence[Any]]) -> Iterator[Known]:
     if not all(isinstance(part, bytes) and len(part) % 8 == 0 for part in parts):
         raise ValueError("numbers that are missing")
     ends = np.cumsum([len(part) // 8 for part in parts])
-    numbers = iter(np.split(_numbers(b"".join(parts)), ends[:-1]))
+    numbers = iter(np.split(cells.numbers(b"".join(parts)), ends[:-1]))
     for _, _, covariance in rows:
         reference, expected = next(numbers), next(numbers)
         P = None if covariance is None else next(numbers).reshape(reference.size, reference.size)
@@ -324,21 +314,14 @@ def _images(
         alike.setdefault(names, []).append(tuple(equations))
     for names, some in alike.items():
         information, vectors, constants, counts = zip(*some, strict=True)
-        b = _rows(vectors)
+        b = cells.rows(vectors)
         yield (
-            [own_name(name, campaign) for name in json.loads(names)],
-            _square(_rows(information).sum(axis=0), b.shape[1]),
+            [own_name(name, campaign) for name in cells.names(names)],
+            _square(cells.rows(information).sum(axis=0), b.shape[1]),
             b.sum(axis=0),
             sum(constants),
             sum(counts),
         )
-
-
-def _rows(data: Sequence[bytes]) -> Array:
-    """Numbers of several rows of one length.  Raises ValueError for what can be none."""
-    if not all(isinstance(row, bytes) for row in data):
-        raise ValueError("numbers that are missing")
-    return _numbers(b"".join(data)).reshape(len(data), -1)
 
 
 def _square(upper: Array, n: int) -> Array:

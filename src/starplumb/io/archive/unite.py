@@ -142,7 +142,7 @@ def unkept(path: Path) -> dict[str, list[str]]:
     found = {}
     with opened(path) as database:
         for entry in entries(database):
-            lost = [n for n, d in inputs_of(database, entry.id).items() if blobs.kept(path, d) is None]
+            lost = [n for n, d in inputs_of(database, entry.id).items() if not blobs.is_kept(path, d)]
             if lost:
                 found[entry.id] = lost
     return found

@@ -14,6 +14,7 @@ from ...documents.prediction import Prediction
 from ...io.archive import blobs, records, store, unite
 from ...io.archive.conflicts import known
 from ...io.archive.rows import Entry, Instrument, all_instruments, entries, insert, instruments
+from ...io.tables.cells import PRINTABLE
 from ...physics.errors import ArgumentError, EpochError
 from ...physics.timescales import format_iso, parse
 from ...report.page import Table
@@ -25,7 +26,9 @@ from .entries import SHORT, day, entry_document, instrument_of, one_of, satellit
 from .known import known as known_of
 from .known import mounting_at
 
-Words = Annotated[str, Wanted("some words", lambda value: bool(value.strip()) and value.isprintable())]
+Words = Annotated[
+    str, Wanted(PRINTABLE, str.isprintable), Wanted("some words", lambda value: bool(value.strip()))
+]
 Satellite = Annotated[str, Wanted("the name of a satellite", lambda value: value.isprintable())]
 
 

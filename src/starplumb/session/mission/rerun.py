@@ -60,14 +60,14 @@ def again(archive: Path, entry: Entry, inputs: Mapping[str, str]) -> Result:
 
 def _written(archive: Path, base: Path, within: Path, name: str, digest: str) -> Path:
     """A kept file written where the campaign expects it."""
-    data = blobs.kept(archive, digest)
-    if data is None:
+    if not blobs.is_kept(archive, digest):
         raise LookupError(f"{name} is not kept")
     if PurePosixPath(name).is_absolute() or not (base / name).resolve().is_relative_to(within.resolve()):
         raise LookupError(f"{name} lies elsewhere, not beside its campaign")
     path = base / name
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_bytes(data)
+    with path.open("wb") as file:
+        file.writelines(blobs.pieces(archive, digest))
     return path
 
 

@@ -1,0 +1,99 @@
+"""Cells of an archive's rows as they are read: each is what was written there, else a ValueError says what it is."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from math import isfinite
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...physics.errors import InputError
+from ...physics.timescales import leap_seconds, parse
+from ..text.numbers import MOST_FINITE
+
+Array = NDArray[np.float64]
+
+LATEST_NS = (
+    int((datetime(2100, 1, 1, tzinfo=UTC) - datetime(2000, 1, 1, 12, tzinfo=UTC)).total_seconds()) * 10**9
+)
+"""No satellite of ours flies then."""
+MODEL = {
+    "coefficients_arcsec": (4, 3),
+    "covariance_arcsec2": (12, 12),
+    "matrix": (3, 3),
+    "walk_arcsec2_per_year": (),
+}
+"""The numbers of an issued model."""
+
+
+def numbers(data: bytes) -> Array:
+    """Numbers as they were kept.  Raises ValueError for what can be none."""
+    if not isinstance(data, bytes):
+        raise ValueError("numbers that are missing")
+    values = np.frombuffer(data, dtype="<f8").astype(np.float64)
+    if not (np.abs(values) < MOST_FINITE).all():
+        raise ValueError("numbers that are not finite")
+    return values
+
+
+def rows(data: Sequence[bytes]) -> Array:
+    """Numbers of several rows of one length.  Raises ValueError for what can be none."""
+    if not all(isinstance(row, bytes) for row in data):
+        raise ValueError("numbers that are missing")
+    return numbers(b"".join(data)).reshape(len(data), -1)
+
+
+def epoch(t_ns: int) -> int:
+    """An epoch of a satellite.  Raises ValueError before 1972 and from 2100 on."""
+    if not leap_seconds().t_ns[0] <= t_ns < LATEST_NS:
+        raise ValueError(f"a time {t_ns * 1e-9:.0f} s from 2000-01-01T12:00:00 TAI")
+    return t_ns
+
+
+def mapping(text: str) -> dict[str, Any]:
+    """An object in JSON.  Raises ValueError for anything else."""
+    found = _json(text)
+    if not isinstance(found, dict):
+        raise ValueError("JSON that is no object")
+    return found
+
+
+def temperatures(text: str | None) -> dict[str, float]:
+    """Temperatures by name, in JSON.  Raises ValueError for anything else."""
+    found = mapping(text) if text else {}
+    if not all(isinstance(value, int | float) and isfinite(value) for value in found.values()):
+        raise ValueError("temperatures that are no numbers")
+    return found
+
+
+def names(text: str) -> list[str]:
+    """A list of names in JSON.  Raises ValueError for anything else."""
+    found = _json(text)
+    if not isinstance(found, list) or not all(isinstance(name, str) for name in found):
+        raise ValueError("JSON that is no list of names")
+    return found
+
+
+def model(text: str) -> dict[str, Any]:
+    """A mounting that was issued, in JSON.  Raises ValueError for what is none."""
+    found = mapping(text)
+    try:
+        parse([found["time"], found["year_time"]], "UTC")
+        each = {key: np.asarray(found[key], dtype=np.float64) for key in MODEL}
+    except (InputError, KeyError, TypeError, AttributeError) as error:
+        raise ValueError(f"an issued mounting that is none: {error}") from None
+    for key, shape in MODEL.items():
+        if each[key].shape != shape or not (np.abs(each[key]) < MOST_FINITE).all():
+            raise ValueError(f"an issued mounting that is none: {key}")
+    return found
+
+
+def _json(text: str) -> Any:
+    try:
+        return json.loads(text)
+    except RecursionError:
+        raise ValueError("JSON that is nested without end") from None
