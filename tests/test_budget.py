@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import starplumb as sp
 from starplumb.estimators.gls import Gls
 from starplumb.estimators.wahba import Wahba
 from starplumb.io.scenario.read import find_scenario, load_scenario
@@ -166,3 +167,11 @@ def test_document_is_complete_and_plain(two_images):
     assert pixel["sensitivity_alone_arcsec_per_px"][2] == pytest.approx(
         pixel["contribution_arcsec"][2] / pixel["sigma_px"]
     )
+
+
+def test_the_terminal_shows_as_nothing_what_the_report_does():
+    """Rounding is no dependence, and what one axis depends on is none the smaller for what another does."""
+    (table,) = sp.budget(sp.scenario("two-images")).tables
+    slopes = {row[0]: row[3] for row in table.rows}
+    assert slopes["focal"] == "0  0  0 per ppm"
+    assert slopes["pixel"].startswith("0.03")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import xml.etree.ElementTree as ET
+from dataclasses import replace
 from datetime import UTC, datetime
 from itertools import combinations
 
@@ -11,7 +12,7 @@ import numpy as np
 import pytest
 
 from starplumb.report.amounts import Histogram, Interval, bars, histogram, histograms, intervals, lines
-from starplumb.report.charts.chart import Axis, Chart, Dots
+from starplumb.report.charts.chart import Arrows, Axis, Chart, Dots
 from starplumb.report.charts.library import figure_of
 from starplumb.report.charts.ticks import ticks
 from starplumb.report.charts.vector import FONT, svg_text
@@ -136,6 +137,12 @@ def test_a_rejected_point_does_not_scale_the_axes_and_is_counted_at_the_rim(rng)
     assert figure.caption == "caption. Crosses at the rim: 1 rejected beyond it."
     rim = [m for m in chart.marks if isinstance(m, Dots) and m.shape == "x"]
     assert [(m.x.tolist(), m.y.tolist()) for m in rim] == [([chart.x.high], [chart.y.low])]
+    (rejected,) = [m for m in chart.marks if isinstance(m, Dots) and m.name == "rejected"]
+    assert rim[0].role == rejected.role
+    three = scatter(
+        "s", [Points("control", x, y), Points("check", x, y, (), True), wild], ("x", "y"), "a", "c"
+    )
+    assert [m.role for m in three.charts[0].marks if m.shape == "x"] == ["three"]
     accepted = scatter("s", [Points("control", x, y), Points("more", wild.x, wild.y)], ("x", "y"), "a", "c")
     assert accepted.charts[0].x.high > 1e4
 
@@ -153,6 +160,20 @@ def test_arrows_are_scaled_by_the_accepted_ones():
     assert figure.caption == "caption. 1 arrow (rejected) cut short."
     assert figure.charts[0].key.share == pytest.approx(0.09)
     assert figure.charts[0].key.text == "1 px"
+    nameless = vectors(
+        "v", [Vectors("", start, one), replace(wild, name="")], ("x", "y"), "px", "alt", "caption."
+    )
+    assert nameless.caption == "caption. 1 arrow cut short."
+
+
+def test_arrows_end_at_the_frame_and_crosses_at_the_rim_are_whole():
+    arrows = Arrows(np.array([0.9]), np.array([0.9]), np.array([0.5]), np.array([0.5]))
+    chart = Chart(Axis("x", 0, 1), Axis("y", 0, 1), (arrows, Dots(np.ones(1), np.ones(1), "two", "x")))
+    svg = ET.fromstring(svg_text((chart,), "c"))
+    clipped = [g for g in svg.iter("{http://www.w3.org/2000/svg}g") if g.get("clip-path") == "url(#c-inside)"]
+    inside = "".join(ET.tostring(g, encoding="unicode") for g in clipped)
+    assert "--one" in inside
+    assert "--two" not in inside
 
 
 @pytest.mark.slow

@@ -53,7 +53,7 @@ def test_a_wrong_label_is_rejected_and_listed(folder):
     (folder / "observations.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
     done = run("calibrate", str(folder / "campaign.toml"), "--no-report")
     assert done.status == 0
-    assert "rejected 2 sightings (2 sighting)" in done.out
+    assert "rejected 2 sightings: see result.json" in done.out
     document = result(folder)
     assert document["method"] == "default"
     assert {r["image_id"] for r in document["rejected"]} == {first[0]}

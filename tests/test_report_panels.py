@@ -15,6 +15,7 @@ from starplumb.documents.from_calibration import result_document
 from starplumb.estimators.gls import Gls
 from starplumb.estimators.wahba import Wahba
 from starplumb.judge.calibrate import calibrate
+from starplumb.judge.snooping import Rejection
 from starplumb.physics.camera import FrameCamera
 from starplumb.physics.units import ARCSEC, DEG
 from starplumb.plan.demo import demo
@@ -22,6 +23,7 @@ from starplumb.report.calibration.facts import camera_words, facts, in_the_camer
 from starplumb.report.calibration.fit_figures import image_panels, normality, own_over_the_field, standardised
 from starplumb.report.calibration.page import calibration_page
 from starplumb.report.calibration.sites import site_map, site_table, sites
+from starplumb.report.calibration.summary import summary_sentences
 from starplumb.report.charts.chart import Arrows, Boxes, Dots, Line
 from starplumb.report.land import LEAST_DEG, coast, coastlines
 
@@ -169,12 +171,33 @@ def test_a_lens_that_was_forgotten_shows_in_the_means_over_the_field(done):
     assert arrows.right[outer].min() > arrows.right[inner].max()
 
 
+def test_kinds_of_rejections_are_told_where_there_are_several(done):
+    alone, image = (Rejection(0, 0, 9.0, reason) for reason in ("sighting: off", "image as a whole: off"))
+    last = summary_sentences(replace(done, rejected=(alone, image, image)))[-1]
+    assert last == "rejected 3 sightings (1 alone, 2 with an image): see result.json"
+    last = summary_sentences(replace(done, rejected=(alone,)))[-1]
+    assert last == "rejected 1 sighting: see result.json"
+
+
 def test_the_worst_images_have_panels_to_one_scale(done):
     panels = image_panels(done)
     assert [panel.name for panel in panels] == ["image-0", "image-1", "image-2", "image-3"]
     assert len({panel.charts[0].key for panel in panels}) == 1
     assert all(panel.charts[0].width == 230.0 for panel in panels)
     assert sum(mark.x.size for panel in panels for mark in panel.charts[0].marks) == 48
+
+
+def test_panels_have_the_colours_of_the_figure_above(done):
+    of_role = {mark.name: mark.role for mark in own_over_the_field(done)[0].charts[0].marks}
+    assert list(of_role) == ["control", "check"]
+    used = done.residuals.used.copy()
+    used[np.flatnonzero(used)[0]] = False  # as if it were rejected
+    spoilt = replace(done, residuals=replace(done.residuals, used=used))
+    above = {mark.name: mark.role for mark in own_over_the_field(spoilt)[0].charts[0].marks if mark.name}
+    drawn = [mark for mark in image_panels(spoilt)[0].charts[0].marks if isinstance(mark, Arrows)]
+    assert [mark.role for mark in drawn] == [above[role] for role in ("control", "check", "rejected")]
+    assert drawn[-1].x.size <= 1
+    assert not any(mark.name for mark in drawn)
 
 
 MEASURE = "<script>document.title = document.documentElement.scrollWidth + ' ' + innerWidth;</script></body>"

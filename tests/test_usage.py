@@ -128,7 +128,7 @@ def test_a_grid_tells_its_size_and_is_not_written_unasked_above_a_gigabyte(tmp_p
     assert not grid.exists()
     written = starplumb("locate", path, "--image", "image01", "--grid", grid, "--every", 4000)
     assert written.status == 0
-    assert "3 x 3 pixels" in written.err
+    assert "3 x 3 pixels, 216 bytes" in written.err
     assert grid.exists()
 
 

@@ -121,9 +121,10 @@ def _agreed(speak: Output, grid: Path, shape: tuple[int, int], yes: bool) -> Non
     import sys
 
     from ..physics.errors import InputError
+    from ..report.text import amount_of_bytes
 
     size = shape[0] * shape[1] * BYTES_PER_PIXEL
-    said = f"{shape[0]} x {shape[1]} pixels, {size / 1e9:.3g} GB"
+    said = f"{shape[0]} x {shape[1]} pixels, {amount_of_bytes(size)}"
     if size <= ASKED_ABOVE or yes:
         speak.notices([f"{grid}: {said}"])
     elif not (sys.stdin.isatty() and typer.confirm(f"{grid}: {said}; write it?", err=True)):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -71,8 +71,8 @@ def _method(name: str, method: Document) -> Section:
                 # said once for all components of a source
                 "" if before is not None and before["source"] == share["source"] else str(share["words"]),
                 f"{number(share[f'sigma_{unit}'])} {unit}",
-                *_beside(share["contribution_arcsec"], [s["contribution_arcsec"] for s in shares]),
-                *_slopes(share, method["sigma_arcsec"]),
+                *contributed(share, shares),
+                *slopes(share, method["sigma_arcsec"]),
             )
         )
     stated = method["stated_sigma_arcsec"]
@@ -94,21 +94,22 @@ def _method(name: str, method: Document) -> Section:
     )
 
 
-def _beside(values: list[float], others: list[list[float]]) -> tuple[str, ...]:
-    """Three figures; one that is less than a thousandth of the largest about its axis is shown as 0."""
-    largest = np.max(np.array(others, dtype=np.float64), axis=0)
+def contributed(share: Document, shares: Sequence[Document]) -> tuple[str, ...]:
+    """What a source contributes about x, y, z; 0 for less than a thousandth of the largest of all about that axis."""
+    values = share["contribution_arcsec"]
+    largest = np.max(np.array([s["contribution_arcsec"] for s in shares], dtype=np.float64), axis=0)
     return tuple(
         number(x) if x >= SMALL * most else "0" for x, most in zip(values, largest.tolist(), strict=True)
     )
 
 
-def _slopes(share: Document, sigma_arcsec: list[float]) -> tuple[str, ...]:
+def slopes(share: Document, sigma_arcsec: list[float]) -> tuple[str, ...]:
     """How the sigma depends on a source's; 0 where twice the source would not change it by a thousandth."""
     unit = _unit(share)
-    slopes = share[f"sensitivity_arcsec_per_{unit}"]
+    values = share[f"sensitivity_arcsec_per_{unit}"]
     return tuple(
         "0" if abs(slope) * share[f"sigma_{unit}"] < SMALL * sigma else number(slope)
-        for slope, sigma in zip(slopes, sigma_arcsec, strict=True)
+        for slope, sigma in zip(values, sigma_arcsec, strict=True)
     )
 
 

@@ -27,7 +27,7 @@ from .charts.chart import (
     span,
 )
 from .page import Figure
-from .text import number
+from .text import counted, number
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -106,16 +106,19 @@ def limits(
     return span([*accepted, *near], margin, least)
 
 
-def _rim(groups: Sequence[tuple[str, Array, Array]], x: Axis, y: Axis) -> tuple[list[Mark], str]:
-    """Marks at the rim for what lies beyond the axes, and how many of each group do."""
+def _rim(groups: Sequence[Points | Vectors], x: Axis, y: Axis) -> tuple[list[Mark], str]:
+    """Marks at the rim, in the colour of their group, for what is apart and beyond the axes; and how many are."""
     marks: list[Mark] = []
     words = []
-    for name, across, up in groups:
+    for group, role in zip(groups, SERIES, strict=False):
+        if not group.apart:
+            continue
+        across, up = group.start.mT if isinstance(group, Vectors) else (group.x, group.y)
         beyond = (across < x.low) | (across > x.high) | (up < y.low) | (up > y.high)
         if np.any(beyond):
             at = np.clip(across[beyond], x.low, x.high), np.clip(up[beyond], y.low, y.high)
-            marks.append(Dots(*at, "two", "x"))
-            words.append(f"{int(np.sum(beyond))} {name}".strip())
+            marks.append(Dots(*at, role, "x"))
+            words.append(f"{int(np.sum(beyond))} {group.name}".strip())
     return marks, f" Crosses at the rim: {', '.join(words)} beyond it." if words else ""
 
 
@@ -156,7 +159,7 @@ def vectors(
                 _some(group.tips, chosen),
             )
         )
-    rim, beyond = _rim([(g.name, *g.start.mT) for g in groups if g.apart], x, y)
+    rim, beyond = _rim(groups, x, y)
     key = _round_down(long)
     square = 1.0 / SQUARE < (y.high - y.low) / (x.high - x.low) < SQUARE
     chart = Chart(
@@ -188,7 +191,8 @@ def _shortened(group: Vectors, chosen: NDArray[np.int64], long: float) -> tuple[
         return vector, ""
     ratio = np.hypot(*vector.mT) / (CUT * long)
     cut = int(np.sum(ratio > 1.0))
-    words = f" {cut} arrow{'s' * (cut != 1)} ({group.name}) cut short." if cut else ""
+    whose = f" ({group.name})" if group.name else ""
+    words = f" {counted(cut, 'arrow')}{whose} cut short." if cut else ""
     return vector / np.maximum(ratio, 1.0)[:, None], words
 
 
@@ -239,7 +243,7 @@ def scatter(
         chosen, left = thinned(np.abs(group.y[rows]))
         remark, rows = remark or left, rows[chosen]
         marks.append(Dots(group.x[rows], group.y[rows], role, shape, group.name, _some(group.tips, rows)))
-    rim, beyond = _rim([(g.name, g.x, g.y) for g in groups if g.apart], x, y)
+    rim, beyond = _rim(groups, x, y)
     if len(groups) + len(ellipses) + sum(bool(mark.name) for mark in curves) < 2:
         marks = [replace(mark, name="") for mark in marks]
     chart = Chart(x, y, (*_inside(marks, x, y), *lines, *rim), equal=equal)

@@ -63,6 +63,14 @@ def length(metres: float | None) -> str:
     return f"{number(metres / 1e3)} km" if abs(metres) >= 1e4 else f"{number(metres)} m"
 
 
+def amount_of_bytes(n: float) -> str:
+    """``216 bytes``, ``3.46 GB``."""
+    for size, unit in ((1e9, "GB"), (1e6, "MB"), (1e3, "kB")):
+        if n >= size:
+            return f"{n / size:.3g} {unit}"
+    return f"{n:.0f} bytes"
+
+
 def counted(n: int, one: str, several: str | None = None) -> str:
     """``1 image``, ``2 images``."""
     return f"{n} {one if n == 1 else several or f'{one}s'}"

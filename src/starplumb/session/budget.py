@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 MARK = ("budget.json", SCHEMA)
 BUDGET_FILES = (MARK[0], "report.html")
+_GAP = "  "
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -98,29 +99,26 @@ def _label(share: dict[str, Any]) -> tuple[str, str, float, str]:
 
 def _table(name: str, found: dict[str, Any], method: dict[str, Any]) -> Table:
     """Contributions, with the sensitivities beside them."""
+    from ..report.budget import NOTE, contributed, slopes
+    from ..report.text import number
+
     rows = []
     for share in method["sources"]:
         source, component, sigma, unit = _label(share)
-        slope = _three(share[f"sensitivity_arcsec_per_{unit}"])
+        slope = _GAP.join(slopes(share, method["sigma_arcsec"]))
         rows.append(
             (
                 f"{source} {component}".strip(),
                 f"{sigma:.4g} {unit}",
-                _three(share["contribution_arcsec"]),
+                _GAP.join(contributed(share, method["sources"])),
                 f"{slope} per {unit}",
             )
         )
     stated = method["stated_sigma_arcsec"]
-    rows.append(("sigma it has", "", _three(method["sigma_arcsec"]), ""))
-    rows.append(("sigma it states", "", "none" if stated is None else _three(stated), ""))
+    rows.append(("sigma it has", "", _GAP.join(map(number, method["sigma_arcsec"])), ""))
+    rows.append(("sigma it states", "", "none" if stated is None else _GAP.join(map(number, stated)), ""))
     head = ("source", "sigma", "contributes", "d sigma / d source")
-    return Table(f"{name} in {found['scenario']}, arcsec about x, y, z of E", head, rows, totals=2)
-
-
-def _three(values: list[float]) -> str:
-    """Three figures; what is below a thousandth of the largest is shown as 0."""
-    least = 1e-3 * max(values)
-    return "  ".join(f"{value:.3g}" if value >= least else "0" for value in values)
+    return Table(f"{name} in {found['scenario']}, arcsec about x, y, z of E", head, rows, note=NOTE, totals=2)
 
 
 def _sentences(found: dict[str, Any]) -> Iterator[str]:

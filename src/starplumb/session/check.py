@@ -57,18 +57,18 @@ class Check(Shown):
             (
                 s["file"],
                 s["frame"],
-                str(s["samples"]),
                 s["first"],
                 s["last"],
+                str(s["samples"]),
                 "" if s["step_s"] is None else f"{s['step_s']:.4g}",
                 str(len(s["gaps"])),
             )
             for s in d["series"]
         ]
         images = d["images"]
-        rows.append(("images", "", str(images["count"]), images["first"], images["last"], "", ""))
-        head = ("series", "frame", "samples", f"first ({d['time_scale']})", "last", "step, s", "gaps")
-        found = [Table(f"{d['campaign']}: {d['camera']}", head, rows, text_columns=2)]
+        rows.append(("images", "", images["first"], images["last"], str(images["count"]), "", ""))
+        head = ("series", "frame", f"first ({d['time_scale']})", "last", "samples", "step, s", "gaps")
+        found = [Table(f"{d['campaign']}: {d['camera']}", head, rows, text_columns=4)]
         digits = [
             (
                 each["column"],

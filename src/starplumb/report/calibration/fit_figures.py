@@ -14,7 +14,7 @@ from ..charts.chart import Area, Line, span
 from ..page import Figure
 from ..plots import Points, Vectors, scatter, thinned, vectors
 from ..text import number
-from .figures import over_the_field, tips
+from .figures import over_the_field, roles, tips
 
 Array = NDArray[np.float64]
 
@@ -130,11 +130,11 @@ def _panel(c: Calibration, image: int, long: float) -> Figure:
     name = c.campaign.images.ids[image]
     places = np.stack([s.column_px, s.row_px], axis=-1)
     groups = []
-    for role, chosen in (("control", c.residuals.used), ("not used", ~c.residuals.used)):
+    for role, chosen in roles(
+        c
+    ):  # also those that this image has none of: colours are those of the figure above
         mine = chosen & (s.image == image)
-        if np.any(mine):
-            read = tips(c, mine, px, "px")
-            groups.append(Vectors("", places[mine], px[mine], read, role != "control"))
+        groups.append(Vectors(role, places[mine], px[mine], tips(c, mine, px, "px"), role != "control"))
     mine = c.residuals.used & (s.image == image)
     text = f"{name}: {number(rms(px[mine]))} px rms per axis of {int(np.sum(mine))}."
     figure = vectors(f"image-{image}", groups, ("", ""), "px", text, text, downwards=True, long=long)
@@ -143,6 +143,7 @@ def _panel(c: Calibration, image: int, long: float) -> Figure:
         chart,
         x=replace(chart.x, ticks=False),
         y=replace(chart.y, ticks=False),
+        marks=tuple(replace(mark, name="") for mark in chart.marks),
         width=230.0,
         height=190.0,
     )

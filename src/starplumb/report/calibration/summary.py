@@ -58,6 +58,10 @@ def _fixed(values: Array, places: int = 3) -> tuple[str, ...]:
     return tuple(f"{value:.{places}f}" for value in values)
 
 
+_WITH = {"sighting": "alone", "image as a whole": "with an image", "landmark as a whole": "with a landmark"}
+"""How a sighting was rejected, by the first words of its reason."""
+
+
 def summary_sentences(c: Calibration) -> list[str]:
     """Counts, status, fit and geolocation, a line each."""
     used = c.residuals.used
@@ -80,8 +84,9 @@ def summary_sentences(c: Calibration) -> list[str]:
             )
     if c.rejected:
         kinds = [r.reason.split(":")[0] for r in c.rejected]
-        counts = ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds))
-        lines.append(f"rejected {counted(len(c.rejected), 'sighting')} ({counts}): see result.json")
+        several = ", ".join(f"{kinds.count(kind)} {_WITH.get(kind, kind)}" for kind in dict.fromkeys(kinds))
+        counts = f" ({several})" if len(set(kinds)) > 1 else ""
+        lines.append(f"rejected {counted(len(c.rejected), 'sighting')}{counts}: see result.json")
     return lines
 
 

@@ -71,7 +71,11 @@ def _pieces(chart: Chart, name: str) -> Iterator[str]:
     yield f'<g clip-path="url(#{name}-inside)">'
     yield from (drawn(frame, mark) for mark in chart.marks if not isinstance(mark, (Dots, Arrows)))
     yield "</g>"
-    yield from (drawn(frame, mark) for mark in chart.marks if isinstance(mark, (Dots, Arrows)))
+    for mark in chart.marks:
+        if isinstance(mark, Arrows):
+            yield f'<g clip-path="url(#{name}-inside)">{drawn(frame, mark)}</g>'
+        elif isinstance(mark, Dots):  # whole at the rim
+            yield drawn(frame, mark)
     yield from legend
 
 
