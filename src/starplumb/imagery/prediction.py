@@ -51,7 +51,8 @@ class Piece:
         if self.sights is None:
             return self.p_J
         latitude, longitude = self.sights.place(point_px[1:], point_px[:1])
-        return np.asarray(geodetic_to_itrf(latitude, longitude, scene.height_at(latitude, longitude))[0, 0])
+        latitude, longitude = latitude.ravel(), longitude.ravel()
+        return np.asarray(geodetic_to_itrf(latitude, longitude, scene.height_at(latitude, longitude))[0])
 
     @property
     def known(self) -> float:

@@ -16,8 +16,6 @@ from ...physics.errors import InputError
 MOST_BYTES, MOST_TIMES = 400_000_000, 20
 """What a file may unpack to: so much, or so many times its size."""
 _DICTIONARY, _BATCH = 2, 3
-_PLAIN = 8
-"""Bytes of a text from which a column holds the texts themselves, and no numbers in their place."""
 
 
 def require_fewer(path: Path, what: str, size: int) -> None:
@@ -50,16 +48,12 @@ def require_small_texts(path: Path, table: Any) -> None:
 
 
 def dictionaries(metadata: Any) -> list[str]:
-    """Text columns of a Parquet file whose cells are numbers of texts that stand once."""
-    found = []
-    for j in range(metadata.num_columns if metadata.num_row_groups else 0):
-        column = metadata.row_group(0).column(j)
-        if (
-            column.physical_type == "BYTE_ARRAY"
-            and column.total_uncompressed_size < _PLAIN * column.num_values
-        ):
-            found.append(column.path_in_schema)
-    return found
+    """Text columns of a Parquet file, by its schema: their cells may be numbers of texts that stand once, however long.
+
+    Which are so only the columns themselves say, of which a damaged one ends the program where it is asked for.
+    """
+    columns = [metadata.schema.column(j) for j in range(metadata.num_columns)]
+    return [c.path for c in columns if c.physical_type == "BYTE_ARRAY" and c.converted_type != "DECIMAL"]
 
 
 def require_small_arrow(path: Path, stream: bool) -> None:
