@@ -18,7 +18,7 @@ import pytest
 import starplumb as sp
 from command import starplumb
 from missions import mission, part, whole
-from starplumb.io.archive import blobs, store
+from starplumb.io.archive import blobs, cells, store
 from starplumb.io.archive.rows import result_text
 from starplumb.io.campaign.write import write_campaign
 from starplumb.physics import so3
@@ -107,9 +107,9 @@ def test_one_landmark_stands_at_one_place(tmp_path, parts):
     archive = archive_of(tmp_path, parts["a"])
     table = parts["b"].parent / "landmarks.csv"
     lines = table.read_text().splitlines()
-    cells = lines[1].split(",")
-    cells[3] = str(float(cells[3]) + 5.0)
-    table.write_text("\n".join([lines[0], ",".join(cells), *lines[2:]]) + "\n")
+    row = lines[1].split(",")
+    row[3] = str(float(row[3]) + 5.0)
+    table.write_text("\n".join([lines[0], ",".join(row), *lines[2:]]) + "\n")
     moved = saved(parts["b"].parent / "campaign.toml")
     done = starplumb("archive", "add", archive.path, moved)
     assert done.status == 2
@@ -373,6 +373,7 @@ ISSUED = (
         ("trend", """UPDATE image SET temperatures_json = '{"plate": "warm"}'"""),
         ("trend", "UPDATE image SET t_ns = -(1 << 62) + rowid"),
         ("list", "UPDATE campaign SET first_ns = 1 << 62"),
+        ("trend", "UPDATE image SET u_rad = 9e999"),
         ("list", "UPDATE campaign SET options_json = '[]'"),
         ("show", "UPDATE normal SET names_json = '7'"),
         ("trend", "INSERT INTO event SELECT 'e', satellite, 1 << 62, '', '', '' FROM campaign"),
@@ -387,6 +388,11 @@ def test_rows_that_hold_something_else_are_a_damaged_archive(tmp_path, parts, ve
     done = starplumb("archive", verb, archive.path)
     assert done.status == 2
     assert f"{archive.path}: found a damaged archive (" in done.err
+
+
+def test_a_time_that_is_missing_is_told():
+    with pytest.raises(ValueError, match="a time that is no whole number"):
+        cells.epoch(None)
 
 
 def test_a_result_that_an_index_has_and_its_table_has_not_is_told(tmp_path, parts):

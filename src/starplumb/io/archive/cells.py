@@ -47,11 +47,20 @@ def rows(data: Sequence[bytes]) -> Array:
     return numbers(b"".join(data)).reshape(len(data), -1)
 
 
-def epoch(t_ns: int) -> int:
+def epoch(t_ns: Any) -> int:
     """An epoch of a satellite.  Raises ValueError before 1972 and from 2100 on."""
+    if not isinstance(t_ns, int):
+        raise ValueError("a time that is no whole number")
     if not leap_seconds().t_ns[0] <= t_ns < LATEST_NS:
         raise ValueError(f"a time {t_ns * 1e-9:.0f} s from 2000-01-01T12:00:00 TAI")
     return t_ns
+
+
+def number(value: Any) -> float | None:
+    """A number, where there is one.  Raises ValueError for anything else."""
+    if value is not None and not (isinstance(value, int | float) and abs(value) < MOST_FINITE):
+        raise ValueError("numbers that are not finite")
+    return value
 
 
 def mapping(text: str) -> dict[str, Any]:

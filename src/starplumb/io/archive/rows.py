@@ -255,8 +255,17 @@ def images_of(database: sqlite3.Connection, campaign: str) -> list[ImageRow]:
         (campaign,),
     )
     found = [
-        ImageRow(i, cells.epoch(t_ns), u, beta, cells.temperatures(temperatures), statistic, n, digest)
-        for i, t_ns, u, beta, temperatures, statistic, n, digest in rows
+        ImageRow(
+            i,
+            cells.epoch(t_ns),
+            cells.number(u),
+            cells.number(beta),
+            cells.temperatures(degrees),
+            chi2,
+            n,
+            digest,
+        )
+        for i, t_ns, u, beta, degrees, chi2, n, digest in rows
     ]
     if not found:
         raise ValueError("a campaign without its images")
