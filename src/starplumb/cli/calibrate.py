@@ -147,7 +147,7 @@ def calibrate(
     from ..session.calibration import NotIdentified
     from ..session.calibration import calibrate as run
     from ..session.campaign import read_campaign
-    from ..session.result import MAP, MARK, RESULT_FILES
+    from ..session.result import MARK, RESULT_FILES
 
     speak = Output(json, quiet, verbose)
     chosen = "robust" if robust and method in ("default", "gls") else method
@@ -165,14 +165,7 @@ def calibrate(
         return
     campaign = campaigns[0]
     out = out or campaign.parent / "result"
-    if gpkg:
-        from ..io.gis.geopackage import require_pyogrio
-
-        require_pyogrio(out / MAP)
-    if pdf:
-        from ..report.pdf import require_printer
-
-        require_printer()
+    _require_writers(out, gpkg, pdf)
     clock = [perf_counter()]
     with speak.doing("reading the campaign"):
         found = read_campaign(campaign, outside.value)
@@ -204,6 +197,19 @@ def _spent(clock: Sequence[float]) -> str:
     """How long each part took, from the readings before and after each."""
     read, solved, wrote = (after - before for before, after in pairwise(clock))
     return f"time: {read:.2f} s to read, {solved:.2f} s to solve and judge, {wrote:.2f} s to write"
+
+
+def _require_writers(out: Path, gpkg: bool, pdf: bool) -> None:
+    """Raise InputError, before anything is computed, where what writes a file that is asked for is not installed."""
+    if gpkg:
+        from ..io.gis.geopackage import require_pyogrio
+        from ..session.result import MAP
+
+        require_pyogrio(out / MAP)
+    if pdf:
+        from ..report.pdf import require_printer
+
+        require_printer()
 
 
 def _require_none(options: Mapping[str, object]) -> None:
