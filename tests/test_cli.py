@@ -296,7 +296,7 @@ def test_a_mistake_ends_with_status_2_and_no_traceback(tmp_path: Path) -> None:
         (("init", tmp_path / "taken"), "taken"),
         (("locate", path, 1, 1, "--image", "x"), "--image: found 'x', wanted one of image01"),
         (("locate", path, 12000, 1, *place), "COLUMN: found 12000, wanted -0.5 to 11999.5"),
-        (("locate", path, 1, "nan", *place), "'ROW': found \"nan\""),
+        (("locate", path, 1, "nan", *place), 'ROW: found "nan"'),
         (("locate", path, 1, 1, *place, "--height-m", "inf"), '--height-m: found "inf"'),
         (("locate", path, 1, 1, *place, "--result", "absent.json"), "absent.json"),
         (("import", tmp_path / "absent", tmp_path / "new"), "absent: "),
