@@ -20,6 +20,24 @@ const crossing = svg => {
   return boxes.flatMap((r, i) => boxes.slice(i + 1).filter(s => cross(r, s)).map(s => `${r.text} | ${s.text}`));
 };
 
+// what the first mark of a page tells when the pointer is near, how much of its figure is in view once that is shown
+// large and zoomed, and where it stands afterwards; null where no mark has words
+const tried = page => {
+  const path = page.querySelector("figure path > title")?.parentNode, part = path?.closest("figure > div");
+  if (!part) return null;
+  const svg = part.querySelector("svg"), wanted = path.textContent, d = path.getAttribute("d");
+  const isBar = /^M[^a-z]+h/.test(d), [x, y] = d.slice(1).match(/-?[\d.]+/g);
+  part.click();
+  const at = new DOMPoint(x, y).matrixTransform(path.getScreenCTM()), view = page.defaultView;
+  const pointer = { clientX: at.x + 2, clientY: at.y, bubbles: true, cancelable: true, deltaY: -1 };
+  (isBar ? path : svg).dispatchEvent(new view.PointerEvent("pointermove", pointer));
+  const told = page.querySelector("dialog[open] .tip:not([hidden])")?.textContent, before = svg.viewBox.baseVal.width;
+  svg.dispatchEvent(new view.WheelEvent("wheel", pointer));
+  const share = svg.viewBox.baseVal.width / before;
+  page.querySelector(".tools button:last-child").click();
+  return { told, wanted, share, after: svg.viewBox.baseVal.width / before, back: !!svg.closest("figure"), open: page.querySelector("dialog").open };
+};
+
 const silent = figure => !figure.querySelector("figcaption")?.textContent.trim() ||
   ![...figure.querySelectorAll("[aria-label], img")].some(n => (n.getAttribute("aria-label") ?? n.alt).trim());
 const look = frame => {
@@ -36,6 +54,7 @@ const look = frame => {
     figures: page.querySelectorAll("figure").length,
     silent: [...page.querySelectorAll("figure")].filter(silent).map(name),
     crossing: [...page.querySelectorAll("svg")].flatMap(crossing),
+    tried: tried(page),
   };
 };
 addEventListener("load", () => {

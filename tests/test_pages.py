@@ -116,6 +116,12 @@ def test_no_page_is_wider_than_its_screen_and_every_figure_has_words(tmp_path: P
     assert [(found["page"], found["silent"]) for found in right if found["silent"]] == []
     assert [(found["page"], found["crossing"]) for found in right if found["crossing"]] == []
     assert all(found["figures"] for found in right if found["page"] != "fleet/fleet.html")
+    tried = {found["page"]: found["tried"] for found in right if found["tried"]}
+    assert set(tried) >= {"report.html", "cameras.html", "budget/report.html", "trend/trend.html"}
+    for page, found in tried.items():
+        assert found["told"] == found["wanted"] != "", page
+        assert found["share"] == pytest.approx(0.8)
+        assert (found["after"], found["back"], found["open"]) == (1, True, False)
     for found in (wrong, other):  # what is looked for is seen
         assert found["page"] == "wrong.html"
         assert found["scroll"] > 0

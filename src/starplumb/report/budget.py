@@ -6,11 +6,13 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .amounts import bars
-from .page import Figure, Page, Section, Table, made_with, render
+from .page import Figure, Page, Section, Table, made_with, render, seen
 from .text import number, triple
 
+Array = NDArray[np.float64]
 Document = Mapping[str, Any]
 
 AXES = ("x", "y", "z")
@@ -47,7 +49,7 @@ def budget_page(document: Document) -> str:
 def _summary(document: Document) -> str:
     name, method = next(iter(document["methods"].items()))
     return (
-        f"With {document['sightings']} sightings in {document['images']} images the method {name} gives the alignment "
+        f"With {seen(document)} the method {name} gives the alignment "
         f"to {triple(method['sigma_arcsec'])} arcsec (1 sigma) about x, y, z."
     )
 
@@ -88,7 +90,7 @@ def _method(name: str, method: Document) -> Section:
     return Section(
         f"method-{name}",
         f"Method {name}",
-        figures=(contributions(name, shares),),
+        figures=contributions(name, shares),
         tables=(Table(f"Budget of {name}", head, rows, text_columns=2, note=NOTE),),
         bullets=tuple(str(sentence) for sentence in method["in_words"]),
     )
@@ -116,24 +118,34 @@ def slopes(share: Document, sigma_arcsec: list[float]) -> tuple[str, ...]:
 def _provenance(document: Document) -> tuple[Section, ...]:
     """Version, scenario and methods; budgets written before these were kept have none."""
     fingerprint = document.get("fingerprint")
-    return () if not fingerprint else (Section("provenance", "Provenance", tables=(made_with(fingerprint),)),)
+    if not fingerprint:
+        return ()
+    return (Section("provenance", "Provenance", tables=(made_with(fingerprint, document["methods"]),)),)
 
 
-def contributions(name: str, shares: list[Document]) -> Figure:
-    """Contributions of those sources that matter."""
+def contributions(name: str, shares: list[Document]) -> tuple[Figure, ...]:
+    """Contributions of those sources that matter, a figure for each axis with a scale of its own."""
     values = np.array([share["contribution_arcsec"] for share in shares], dtype=np.float64)
     parts = values / np.maximum(np.max(values, axis=0), 1e-300)
-    values, large = np.where(parts < SMALL, 0.0, values), np.max(parts, axis=1) > 0.02
-    chosen = np.flatnonzero(large)
-    worst = [_label(shares[int(np.argmax(values[:, i]))]) for i in range(3)]
-    words = f"the largest about x, y, z are {', '.join(worst)}"
+    chosen = np.flatnonzero(np.max(parts, axis=1) > 0.02)
+    names = [_label(shares[i]) for i in chosen]
+    return tuple(
+        _about(name, axis, names, np.where(parts < SMALL, 0.0, values)[chosen, i])
+        for i, axis in enumerate(AXES)
+    )
+
+
+def _about(name: str, axis: str, names: list[str], values: Array) -> Figure:
+    """What the named sources contribute about an axis."""
+    most = int(np.argmax(values))
+    worst = f"the largest is {names[most]} with {number(float(values[most]))} arcsec"
     return bars(
-        f"shares-{name}",
-        [_label(shares[i]) for i in chosen],
-        [(f"about {axis}", values[chosen, i]) for i, axis in enumerate(AXES)],
-        "sigma by this source alone, arcsec",
-        f"Contributions of the error sources to the alignment error of {name}: {words}.",
-        f"What each source alone contributes to the error of {name}; {words}.",
+        f"shares-{name}-{axis}",
+        names,
+        [("", values)],
+        f"sigma about {axis} by this source alone, arcsec",
+        f"Contributions of the error sources to the error of {name} about {axis}: {worst}.",
+        f"What each source alone contributes to the error of {name} about {axis}; {worst}.",
     )
 
 

@@ -1,18 +1,20 @@
 """A report as data (sections of sentences, tables and figures) and its rendering as one self-contained HTML page.
 
 Every string is escaped by the template engine; only the figures, which :mod:`.charts.vector` has made, pass as they
-are.  The page needs no network, no script and no other file.
+are.  The page needs no network and no other file.  Its script, always the same, shows figures large and lets no other
+script run; nothing is lost without it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from .. import __version__
 from ..io.text.visible import visible
+from .text import counted
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
@@ -21,6 +23,8 @@ if TYPE_CHECKING:
     from .charts.chart import Chart
 
 Tone = Literal["good", "fair", "bad"]
+_INTERNAL = ("methods", "samples", "format")
+"""What a fingerprint holds for who resumes a study: the methods as Python writes them, and how chunks are kept."""
 _FOOT = "<footer><p>Made by starplumb "
 
 
@@ -79,10 +83,20 @@ class Table:
     totals: int = 0
 
 
-def made_with(fingerprint: Mapping[str, object], **further: object) -> Table:
-    """What a page was made with: ``further`` facts and those of a fingerprint, a row each."""
-    rows = [(str(name), str(value)) for name, value in {**further, **fingerprint}.items()]
-    return Table("Made with", ("what", "value"), rows, text_columns=2)
+def seen(document: Mapping[str, Any]) -> str:
+    """``4 sightings in 2 images``, of a scenario's document."""
+    return f"{counted(document['sightings'], 'sighting')} in {counted(document['images'], 'image')}"
+
+
+UNDATED = "The same inputs give the same page, so it has no date."
+
+
+def made_with(fingerprint: Mapping[str, object], methods: Iterable[str], **further: object) -> Table:
+    """What a page was made with: ``further`` facts and those of a fingerprint, a row each, the methods by name."""
+    known = {name: value for name, value in fingerprint.items() if name not in _INTERNAL}
+    facts = {**further, **known, "methods": ", ".join(methods)}
+    rows = [(str(name), str(value)) for name, value in facts.items()]
+    return Table("Made with", ("what", "value"), rows, text_columns=2, note=UNDATED)
 
 
 @dataclass(frozen=True)
@@ -128,6 +142,10 @@ def is_page(path: Path) -> bool:
 
 def render(page: Page) -> str:
     """The page as HTML text; the same for the same page, whenever and wherever it is rendered."""
+    from base64 import b64encode
+    from hashlib import sha256
+    from importlib.resources import files
+
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     environment = Environment(
@@ -139,4 +157,7 @@ def render(page: Page) -> str:
     )
     template = environment.get_template("page.html.j2")
     sections = [section for section in page.sections if not section.empty]
-    return visible(template.render(page=page, sections=sections, version=__version__)) + "\n"
+    script = (files("starplumb.report") / "templates" / "page.js").read_text(encoding="utf-8")
+    digest = b64encode(sha256(script.encode()).digest()).decode()
+    text = template.render(page=page, sections=sections, version=__version__, script=script, digest=digest)
+    return visible(text) + "\n"

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from . import simulation_figures as figures
-from .page import Page, Section, Table, Tone, made_with, render
+from .page import Page, Section, Table, Tone, made_with, render, seen
 from .text import beside, interval, length, number, triple
 
 Document = Mapping[str, Any]
@@ -38,7 +38,7 @@ def simulation_page(document: Document) -> str:
             Section(
                 "provenance",
                 "Provenance",
-                tables=(made_with(document["fingerprint"], trials=document["trials"]),),
+                tables=(made_with(document["fingerprint"], methods, trials=document["trials"]),),
             ),
         ),
         kind=f"simulation, {document['trials']} trials",
@@ -70,7 +70,7 @@ def _summary(document: Document) -> str:
     bound = document["cramer_rao_arcsec"]
     least = "" if bound is None else f"; no unbiased method can do better than {triple(bound)}"
     return (
-        f"With {document['sightings']} sightings in {document['images']} images the method {name} gives the alignment "
+        f"With {seen(document)} the method {name} gives the alignment "
         f"to {sigma} arcsec (1 sigma) about x, y, z{least}."
     )
 

@@ -57,9 +57,11 @@ class Budget(Shown):
     def plot(self, method: str | None = None) -> Figure:
         """What each source alone contributes to the error of a method, by default the first."""
         from ..report.budget import contributions
+        from ..report.charts.library import figure_of
 
         name = method_of(self.document, method)
-        return contributions(name, self.document["methods"][name]["sources"]).drawing
+        figures = contributions(name, self.document["methods"][name]["sources"])
+        return figure_of([chart for figure in figures for chart in figure.charts])
 
     @checked
     def save(self, folder: Folder) -> None:

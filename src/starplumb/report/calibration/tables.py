@@ -12,7 +12,7 @@ from ...ground.intersection import Intersections, intersect
 from ...judge.calibrate import Calibration
 from ...judge.residuals import Accuracy
 from ...physics.units import ARCSEC, DEG
-from ..page import Table
+from ..page import UNDATED, Table
 from ..text import NOT_STATED, coefficient, length, listed, number, rotation_forms
 
 Array = NDArray[np.float64]
@@ -251,5 +251,5 @@ def provenance(document: Document) -> tuple[Table, ...]:
     inputs = [(name, digest) for name, digest in document["inputs"].items()]
     return (
         Table("Inputs", ("file", "digest"), inputs, text_columns=2),
-        Table("Made with", ("what", "value"), facts, text_columns=2),
+        Table("Made with", ("what", "value"), facts, text_columns=2, note=UNDATED),
     )
