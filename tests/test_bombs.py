@@ -68,11 +68,19 @@ for name, reader in json.loads(sys.argv[2]):
 
 
 def packed(piece: bytes, size: int, head: bytes = b"", tail: bytes = b"") -> bytes:
-    """``size`` bytes of a piece again and again, packed some at a time."""
-    press = zlib.compressobj(1, zlib.DEFLATED, 31)
+    """``size`` bytes of a piece again and again as gzip; a block is packed once, as flushed blocks may be repeated."""
     block = piece * (1_000_000 // len(piece))
-    parts = [press.compress(head), *(press.compress(block) for _ in range(size // len(block)))]
-    return b"".join([*parts, press.compress(tail), press.flush()])
+    times = size // len(block)
+    press = zlib.compressobj(1, zlib.DEFLATED, 31)
+    first = press.compress(head) + press.flush(zlib.Z_FULL_FLUSH)
+    again = press.compress(block) + press.flush(zlib.Z_FULL_FLUSH)
+    checksum = zlib.crc32(head)
+    for _ in range(times):
+        checksum = zlib.crc32(block, checksum)
+    trailer = struct.pack(
+        "<II", zlib.crc32(tail, checksum), len(head) + times * len(block) + len(tail) & 0xFFFFFFFF
+    )
+    return b"".join([first, again * times, press.compress(tail), press.flush()[:-8], trailer])
 
 
 def empty_png(columns: int, rows: int) -> bytes:

@@ -306,8 +306,8 @@ def test_nothing_is_compiled_for_little_work_or_where_it_cannot_be_kept(rng, mon
 @pytest.mark.slow
 def test_compiled_code_gives_the_same_statistics(rng):
     pytest.importorskip("numba")
-    table = measured(two_images(), rng, 1000)
-    model = so3.exp(rng.standard_normal((1000, 3)) * DEG) @ C_EK_TRUE
+    table = measured(two_images(), rng, 300)
+    model = so3.exp(rng.standard_normal((300, 3)) * DEG) @ C_EK_TRUE
     plain, compiled = (Observer(compiled=c)(table, model) for c in (False, True))
     difference = np.linalg.norm(so3.log(plain.C_EK @ compiled.C_EK.mT), axis=-1)
     assert np.median(difference) < 1e-6 * ARCSEC

@@ -74,16 +74,16 @@ def test_one_session_tells_nothing(rng):
 
 @pytest.mark.slow
 def test_intervals_with_an_estimated_session_hold(rng):
-    """95 % of 100 campaigns of 8 sessions, within four of its deviations; those that know of no session do not."""
+    """95 % of 40 campaigns of 8 sessions, within four of its deviations; those that know of no session do not."""
     held: dict[bool, list] = {True: [], False: []}
-    for _ in range(100):
+    for _ in range(40):
         campaign = flown(rng, 15.0, sessions=8)
         for asked in held:
             stated = campaign.attitude_errors if asked else SharedErrors("image")
             done = calibrate(replace(campaign, attitude_errors=stated), Gls())
             half = done.interval_95_E if asked else 1.96 * done.estimate.sigma_E
             held[asked].append(np.abs(so3.log(done.C_EK @ C_EK_TRUE.mT)) < half)
-    least = 0.95 - 4 * np.sqrt(0.95 * 0.05 / 100)
+    least = 0.95 - 4 * np.sqrt(0.95 * 0.05 / 40)
     assert np.all(np.mean(held[True], axis=0) > least)
     assert np.min(np.mean(held[False], axis=0)) < least
 

@@ -185,7 +185,7 @@ def test_killed_at_random_moments_and_resumed_the_summary_is_the_same_to_the_bit
 
     def command(out):
         run_it = [sys.executable, "-c", "from starplumb.cli import main; main()", "simulate", "two-images"]
-        options = ["--trials", "4000", "--chunk", "100", "--seed", "11", "--workers", "1", "--methods", "gls"]
+        options = ["--trials", "2000", "--chunk", "100", "--seed", "11", "--workers", "1", "--methods", "gls"]
         return [*run_it, *options, "--quiet", "--out", str(out)]
 
     subprocess.run(command(tmp_path / "whole"), check=True)
@@ -195,7 +195,7 @@ def test_killed_at_random_moments_and_resumed_the_summary_is_the_same_to_the_bit
     def finished():
         return len(list(cut.glob("chunks/*.npz")))
 
-    for pause in random.Random(4).choices(range(11), k=4):
+    for pause in random.Random(4).choices(range(11), k=3):
         before = finished()
         process = subprocess.Popen(command(cut))
         while (
@@ -496,9 +496,9 @@ def test_a_study_is_the_same_for_any_number_of_workers_and_threads(tmp_path):
         "simulate",
         "cubesat-6u",
         "--trials",
-        "1600",
-        "--chunk",
         "800",
+        "--chunk",
+        "400",
     ]
     summaries = set()
     for number, (workers, threads) in enumerate([("1", "1"), ("1", "2"), ("2", "2")]):
