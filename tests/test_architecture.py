@@ -196,3 +196,19 @@ def test_nothing_heavy_is_loaded_to_say_hello(does):
     assert "starplumb" in loaded
     assert not loaded & (HEAVY | {"numpy", "pydantic", "erfa", "jinja2"})
     assert "rich.console" not in done.stderr.split()
+
+
+def test_an_archive_is_read_without_what_campaigns_need():
+    """Its trend is asked for often: what makes and checks results is loaded by who does so."""
+    code = "import sys, starplumb.session.mission.archive as a, starplumb.session.mission.trend_document\n"
+    code += "a.Archive.show, a.Archive.trend; print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    loaded = set(done.stdout.split())
+    assert "starplumb.mission.trend" in loaded
+    assert not loaded & {
+        "pydantic",
+        "erfa",
+        "starplumb.estimators",
+        "starplumb.judge.calibrate",
+        "starplumb.io.campaign",
+    }

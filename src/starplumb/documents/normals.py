@@ -21,7 +21,7 @@ from ..physics.errors import InputError
 from ..physics.timescales import format_iso
 from ..physics.units import ARCSEC
 from ..solve.normals import ImageNormals, image_normals
-from ..table.cameras.mounting import RANGE
+from ..table.cameras.known import RANGE
 from ..table.parameter_names import UNITS, unit_of
 from .cameras.turned import Turned, turned_of
 from .document import Document, Finite, Matrix3, Part, require_shape, require_times

@@ -14,12 +14,10 @@ from ..physics.units import ARCSEC, DEG
 from ..solve.chunks import CHUNK, part, sample, sampled
 from ..table.observations import Observations
 from .parameters.known_before import contradicted
-from .trust import Finding, probability
+from .trust import IMPLAUSIBLE_P, Finding, probability
 
 Array = NDArray[np.float64]
 
-IMPLAUSIBLE_P = 1e-4
-"""A chi-square less probable than this, on either side, is reported."""
 WEAK_RATIO = 20.0
 """The angle about the boresight is reported as weak when its sigma is this many times that of the other two..."""
 WEAK_SIGMA = 30.0 * ARCSEC

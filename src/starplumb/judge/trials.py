@@ -29,9 +29,10 @@ from ..physics.units import DEG
 from ..table.campaign import Campaign, some_of
 from ..table.equation import linearise
 from ..table.observations import Observations
-from .consistency import ABSURD, DECISIVE, IMPLAUSIBLE_P, chi2_p
+from .consistency import ABSURD, DECISIVE, chi2_p
 from .conventions.mistake import Mistake, image_text
 from .residuals import rms
+from .trust import IMPLAUSIBLE_P
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

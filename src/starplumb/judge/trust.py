@@ -8,16 +8,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..estimators.protocol import Status
+if TYPE_CHECKING:
+    from ..estimators.protocol import Status
 
 Array = NDArray[np.float64]
 
 NORMAL_95 = 1.96
 """Half-width, in sigmas, of the interval that holds a normal error with probability 0.95."""
+IMPLAUSIBLE_P = 1e-4
+"""A chi-square less probable than this, on either side, is reported."""
 
 
 @dataclass(frozen=True)
@@ -51,6 +55,8 @@ def probability(p: float) -> str:
 
 def judged(own: Status, findings: Sequence[Finding]) -> Status:
     """Status of an answer of which an estimator says ``own`` and that has these findings."""
+    from ..estimators.protocol import Status
+
     if not own.usable:
         return own
     heaviest = max((finding.weight for finding in findings), default=0)

@@ -102,27 +102,35 @@ class Bank:
     def at(self, t: float) -> Bank:
         """Foretold for another time; backwards the variance of the walk grows just so."""
         dt, d = t - self.t, self.d
-        F = np.eye(4 * d)
-        F[:d, d : 2 * d] = dt * np.eye(d)
-        P = F @ self.P @ F.T
-        P[..., :d, :d] += (self.walk**2 * abs(dt))[:, None, None] * np.eye(d)
-        return replace(self, t=t, x=self.x @ F.T, P=P)
+        x, P = self.x.copy(), self.P.copy()
+        level, slope = slice(d), slice(d, 2 * d)
+        x[..., level] += dt * x[..., slope]
+        P[..., level, :] += dt * P[..., slope, :]
+        P[..., level] += dt * P[..., slope]
+        P[..., level, level] += (self.walk**2 * abs(dt))[:, None, None] * np.eye(d)
+        return replace(self, t=t, x=x, P=P)
 
     def observed(self, y: Array, R: Array, chance: float = CHANCE) -> tuple[Bank, Array]:
         """After a campaign at this time with the rotation y (..., d) of covariance R (d, d), and the probability (...)
         that the mounting had jumped."""
-        H, d = self.looks, self.d
-        jump = self.jump**2 * np.eye(d)
+        H, level = self.looks, slice(self.d)
+        jump = self.jump**2 * np.eye(self.d)
         v = y[..., None, :] - self.x @ H.T
-        P = np.stack([self.P, self.P])  # as if nothing had jumped, and as if the level had
-        P[1, ..., :d, :d] += jump
-        PH = P @ H.T
-        x, P, density = _updated(self.x, P, v, PH, H @ PH + R)
+        PH = np.stack([self.P @ H.T] * 2)  # as if nothing had jumped, and as if the level had
+        PH[1, ..., level, :] += jump
+        K, density = _gain(v, PH, H @ PH + R)
         a, b = density[0] + np.log1p(-chance), density[1] + np.log(chance)
         log = np.logaddexp(a, b)
         w = np.exp(b - log)
-        x_merged, P_merged = _merged(x, P, w)
-        after = replace(self, x=x_merged, P=P_merged, log=self.log + log)
+        moved = (K @ v[..., None])[..., 0]
+        apart = moved[1] - moved[0]
+        # the mean of P - K PH^T over both, and what their answers differ by, as one product
+        p = w[..., None, None]
+        less = np.concatenate([(1.0 - p) * K[0], p * K[1], -p * (1.0 - p) * apart[..., None]], axis=-1)
+        P = self.P - less @ np.concatenate([PH[0], PH[1], apart[..., None]], axis=-1).mT
+        P[..., level, level] += p * jump
+        x = self.x + moved[0] + w[..., None] * apart
+        after = replace(self, x=x, P=(P + P.mT) / 2.0, log=self.log + log)
         return after, np.sum(after.weights * w, axis=-1)
 
     @property
@@ -135,17 +143,13 @@ class Bank:
     @property
     def state(self) -> tuple[Array, Array]:
         """Mean (..., 4 d) and covariance (..., 4 d, 4 d) of the state, averaged over the members."""
-        w = self.weights
-        mean = np.einsum("...h,...hi->...i", w, self.x)
-        away = self.x - mean[..., None, :]
-        spread = np.einsum("...h,...hi,...hj->...ij", w, away, away)
-        return mean, np.einsum("...h,...hij->...ij", w, self.P) + spread
+        return _averaged(self.weights, self.x, self.P)
 
     @property
     def mounting(self) -> tuple[Array, Array]:
         """Mean (..., d) and covariance (..., d, d) of the mounting at this time."""
-        mean, P = self.state
-        return mean @ self.looks.T, self.looks @ P @ self.looks.T
+        H = self.looks
+        return _averaged(self.weights, self.x @ H.T, H @ self.P @ H.T)
 
     @property
     def wander(self) -> Array:
@@ -163,18 +167,16 @@ class Bank:
         return dict(sorted(found.items(), key=lambda item: -item[1]))
 
 
-def _updated(x: Array, P: Array, v: Array, PH: Array, S: Array) -> tuple[Array, Array, Array]:
-    """Kalman's update of ``x``, ``P`` by innovations v of covariance S, and the logarithm of the density of v."""
+def _gain(v: Array, PH: Array, S: Array) -> tuple[Array, Array]:
+    """Kalman's gain (..., 4 d, d) for innovations v (..., d) of covariance S, and the logarithm of their density."""
     W = np.linalg.inv(S)
-    K = PH @ W
-    after = P - K @ PH.mT
-    log = -0.5 * (np.einsum("...i,...ij,...j->...", v, W, v) + np.linalg.slogdet(S)[1])
-    return x + (K @ v[..., None])[..., 0], (after + after.mT) / 2.0, log
+    square = (v[..., None, :] @ W @ v[..., None])[..., 0, 0]
+    return PH @ W, -0.5 * (square + np.linalg.slogdet(S)[1])
 
 
-def _merged(x: Array, P: Array, w: Array) -> tuple[Array, Array]:
-    """Mean and covariance of two answers ``x`` (2, ...), ``P`` (2, ...), the second with weight w (..., h)."""
-    apart = x[1] - x[0]
-    spread = (w * (1.0 - w))[..., None, None] * apart[..., :, None] * apart[..., None, :]
-    weight = w[..., None, None]
-    return x[0] + w[..., None] * apart, (1.0 - weight) * P[0] + weight * P[1] + spread
+def _averaged(w: Array, mean: Array, P: Array) -> tuple[Array, Array]:
+    """Mean (..., k) and covariance (..., k, k) of members with weights w (..., h)."""
+    middle = (w[..., None, :] @ mean)[..., 0, :]
+    away = mean - middle[..., None, :]
+    own = np.sum(w[..., None, None] * P, axis=-3)
+    return middle, own + (w[..., None] * away).mT @ away

@@ -65,11 +65,11 @@ class Equations:
     @cached_property
     def places(self) -> dict[str, Index]:
         """Where each block stands."""
-        ends = np.cumsum([known.reference.size for known in self.blocks.values()])
-        return {
-            name: np.arange(end - known.reference.size, end)
-            for (name, known), end in zip(self.blocks.items(), ends.tolist(), strict=True)
-        }
+        places, start = {}, 0
+        for name, known in self.blocks.items():
+            places[name] = np.arange(start, start + known.reference.size)
+            start += known.reference.size
+        return places
 
     def at(self, names: Iterable[str]) -> Index:
         """Where some blocks stand, one behind the other."""
@@ -80,17 +80,16 @@ class Equations:
         """With what was known beforehand of some blocks, each of which becomes so many numbers more; what is as good as
         free (a camera within some degrees, a tie point's place) only where the sightings determine less of it."""
         N, b, constant, count = self.information.copy(), self.vector.copy(), self.constant, 0.0
-        for name in names:
+        stated = {name: P for name in names if (P := self.blocks[name].covariance) is not None}
+        for name, W in zip(stated, _inverses(list(stated.values())), strict=True):
             known, at = self.blocks[name], self.places[name]
-            if known.covariance is not None:
-                W, pull = np.linalg.inv(known.covariance), apart(name, known.reference, known.expected)
-                count += at.size
-                if name.startswith((CAMERA, TIE)):
-                    own = N[np.ix_(at, at)]
-                    count -= float(np.trace(np.linalg.solve(own + W, own)))
-                N[np.ix_(at, at)] += W
-                b[at] += W @ pull
-                constant += float(pull @ W @ pull)
+            pull, own = apart(name, known.reference, known.expected), (at[:, None], at)
+            count += at.size
+            if name.startswith((CAMERA, TIE)):
+                count -= float(np.trace(np.linalg.solve(N[own] + W, N[own])))
+            N[own] += W
+            b[at] += W @ pull
+            constant += float(pull @ W @ pull)
         return replace(self, information=N, vector=b, constant=constant, count=self.count + round(count))
 
     def only(self, names: Sequence[str]) -> Equations:
@@ -102,12 +101,13 @@ class Equations:
         whole = self.with_known(others)
         k, r = whole.at(names), whole.at(others)
         N, b = whole.information, whole.vector
-        S = np.linalg.solve(N[np.ix_(r, r)], np.column_stack([N[np.ix_(r, k)], b[r]]))
+        N_kr = N[k[:, None], r]
+        S = np.linalg.solve(N[r[:, None], r], np.concatenate([N_kr.T, b[r, None]], axis=1))
         return Equations(
             self.C_EK,
             {name: self.blocks[name] for name in names},
-            N[np.ix_(k, k)] - N[np.ix_(k, r)] @ S[:, :-1],
-            b[k] - N[np.ix_(k, r)] @ S[:, -1],
+            N[k[:, None], k] - N_kr @ S[:, :-1],
+            b[k] - N_kr @ S[:, -1],
             whole.constant - float(b[r] @ S[:, -1]),
             whole.count - r.size,
         )
@@ -117,11 +117,13 @@ class Equations:
         if list(self.blocks) == list(names):
             return self
         k, blocks = self.at(names), {name: self.blocks[name] for name in names}
-        return replace(self, blocks=blocks, information=self.information[np.ix_(k, k)], vector=self.vector[k])
+        return replace(
+            self, blocks=blocks, information=self.information[k[:, None], k], vector=self.vector[k]
+        )
 
-    def about(self, C_EK: Array, references: Mapping[str, Array]) -> Equations:
-        """The same about another mounting and other references of the blocks: ``z + A (x - d)``."""
-        turn = so3.log(self.C_EK @ C_EK.T) / ARCSEC
+    def about(self, C_EK: Array, references: Mapping[str, Array], turn: Array) -> Equations:
+        """The same about another mounting, from which ``turn`` (3,) arc seconds leads to this one, and other references
+        of the blocks: ``z + A (x - d)``."""
         d = np.concatenate(
             [
                 turn if name == MOUNTING else apart(name, known.reference, references[name])
@@ -131,12 +133,24 @@ class Equations:
         Nd = self.information @ d
         constant = self.constant - 2.0 * float(self.vector @ d) + float(d @ Nd)
         blocks = {
-            name: replace(known, expected=known.expected + turn)
+            name: Known(known.reference, known.expected + turn, known.covariance)
             if name == MOUNTING
-            else replace(known, reference=references[name])
+            else Known(references[name], known.expected, known.covariance)
             for name, known in self.blocks.items()
         }
         return replace(self, C_EK=C_EK, blocks=blocks, vector=self.vector - Nd, constant=constant)
+
+
+def _inverses(matrices: Sequence[Array]) -> list[Array]:
+    """The inverse of each, those of one size together."""
+    alike: dict[int, list[int]] = {}
+    for k, P in enumerate(matrices):
+        alike.setdefault(len(P), []).append(k)
+    inverses = list(matrices)
+    for mine in alike.values():
+        for k, W in zip(mine, np.linalg.inv(np.array([matrices[k] for k in mine])), strict=True):
+            inverses[k] = W
+    return inverses
 
 
 def summed(C_EK: Array, blocks: Mapping[str, Known], images: Iterable[Image]) -> Equations:
@@ -146,9 +160,12 @@ def summed(C_EK: Array, blocks: Mapping[str, Known], images: Iterable[Image]) ->
     constant, count = 0.0, 0
     for names, N, b, c, n in images:
         at = whole.at(names)
-        # a block may stand twice in what earlier versions wrote of cameras that see one landmark
-        np.add.at(whole.information, np.ix_(at, at), N)
-        np.add.at(whole.vector, at, b)
+        if len(set(names)) == len(names):
+            whole.information[at[:, None], at] += N
+            whole.vector[at] += b
+        else:  # as in what earlier versions wrote of cameras that see one landmark
+            np.add.at(whole.information, (at[:, None], at), N)
+            np.add.at(whole.vector, at, b)
         constant, count = constant + c, count + n
     return replace(whole, constant=constant, count=count)
 
@@ -192,7 +209,9 @@ def linked(parts: Sequence[Equations], names: Sequence[str] | None = None) -> li
     for part in parts:
         first |= {name: known.reference for name, known in part.blocks.items() if name not in first}
     C_0 = next(part.C_EK for part in parts if MOUNTING in part.blocks)
-    return [part.only([name for name in names if name in part.blocks]).about(C_0, first) for part in parts]
+    few = [part.only([name for name in names if name in part.blocks]) for part in parts]
+    turns = so3.log(np.array([part.C_EK for part in few]) @ C_0.T) / ARCSEC
+    return [part.about(C_0, first, turn) for part, turn in zip(few, turns, strict=True)]
 
 
 def joint(parts: Sequence[Equations], *, mounting_known: bool = True) -> Joint:

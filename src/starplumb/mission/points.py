@@ -11,7 +11,7 @@ so that a survey's error, which recurs in every campaign, is one error of all of
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from ..physics import so3
 from ..physics.units import ARCSEC
-from .joint import MOUNTING, Equations, linked, shared_names, summed
+from .joint import MOUNTING, Equations, Image, linked, shared_names, summed
 
 Array = NDArray[np.float64]
 
@@ -64,43 +64,42 @@ def points(parts: Sequence[Equations]) -> Points:
     names = shared_names(parts)
     few = linked(parts, names)
     others = [name for name in names if name != MOUNTING]
-    o, P_o = _common(few, others)
-    places = _places(few, others)
+    x = [part.places[MOUNTING] for part in few]
+    own = np.linalg.inv(
+        np.array([part.information[at[:, None], at] for part, at in zip(few, x, strict=True)])
+    )
+    b = np.array([part.vector[at] for part, at in zip(few, x, strict=True)])
+    free = [_free(part, P) for part, P in zip(few, own, strict=True)]
+    places, o, P_o = _common(few, others, [(r, left, vector, 0.0, 0) for r, _, left, vector in free])
     root = np.linalg.cholesky(P_o) if o.size else P_o
-    value, own, common = np.zeros((len(few), 3)), np.zeros((len(few), 3, 3)), np.zeros((len(few), 3, o.size))
-    for k, part in enumerate(few):
-        x, r = part.places[MOUNTING], part.at(name for name in others if name in part.blocks)
-        mine = [places[name] for name in others if name in part.blocks]
-        where = np.concatenate(mine) if mine else np.zeros(0, dtype=np.int64)
-        own[k] = np.linalg.inv(part.information[np.ix_(x, x)])
-        G = -own[k] @ part.information[np.ix_(x, r)]
-        value[k] = G @ o[where] - own[k] @ part.vector[x]
-        common[k] = G @ root[where]
+    value, common = -(own @ b[..., None])[..., 0], np.zeros((len(few), 3, o.size))
+    for k, (r, G, _, _) in enumerate(free):
+        if r:
+            where = np.concatenate([places[name] for name in r])
+            value[k] += G @ o[where]
+            common[k] = G @ root[where]
     return Points(few[0].C_EK, ARCSEC * value, ARCSEC**2 * own, _compressed(ARCSEC * common, ARCSEC**2 * own))
 
 
-def _places(parts: Sequence[Equations], names: Sequence[str]) -> dict[str, NDArray[np.int64]]:
-    sizes = {name: known.reference.size for part in parts for name, known in part.blocks.items()}
-    ends = np.cumsum([sizes[name] for name in names], dtype=np.int64)
-    return {name: np.arange(end - sizes[name], end) for name, end in zip(names, ends.tolist(), strict=True)}
+def _free(part: Equations, own: Array) -> tuple[list[str], Array, Array, Array]:
+    """The blocks of a campaign beside the mounting and G of them, with the information and the vector that are left for
+    them where the mounting, of the covariance ``own`` (3, 3) arcsec^2 without them, is free."""
+    r = [name for name in part.blocks if name != MOUNTING]
+    x, at, N = part.places[MOUNTING], part.at(r), part.information
+    N_xr = N[x[:, None], at]
+    G = -own @ N_xr
+    return r, G, N[at[:, None], at] + N_xr.T @ G, part.vector[at] + G.T @ part.vector[x]
 
 
-def _common(parts: Sequence[Equations], names: Sequence[str]) -> tuple[Array, Array]:
-    """Mean and covariance of the blocks that campaigns share, from their references, each mounting being free."""
-    if not names:
-        return np.zeros(0), np.zeros((0, 0))
-    blocks = {name: known for part in reversed(parts) for name, known in part.blocks.items() if name in names}
-    blocks = {name: blocks[name] for name in names}
-    free = []
-    for part in parts:
-        x, r = part.places[MOUNTING], [name for name in names if name in part.blocks]
-        at, N = part.at(r), part.information
-        S = np.linalg.solve(N[np.ix_(x, x)], np.column_stack([N[np.ix_(x, at)], part.vector[x]]))
-        left = N[np.ix_(at, at)] - N[np.ix_(at, x)] @ S[:, :-1]
-        free.append((r, left, part.vector[at] - N[np.ix_(at, x)] @ S[:, -1], 0.0, 0))
-    whole = summed(parts[0].C_EK, blocks, free).with_known(names)
+def _common(
+    parts: Sequence[Equations], names: Sequence[str], free: Sequence[Image]
+) -> tuple[Mapping[str, NDArray[np.int64]], Array, Array]:
+    """Places, mean and covariance of the blocks that campaigns share, from their references, each mounting being
+    free."""
+    blocks = {name: known for part in reversed(parts) for name, known in part.blocks.items()}
+    whole = summed(parts[0].C_EK, {name: blocks[name] for name in names}, free).with_known(names)
     P = np.asarray(np.linalg.inv(whole.information), dtype=np.float64)
-    return -P @ whole.vector, P
+    return whole.places, -P @ whole.vector, P
 
 
 def _compressed(common: Array, own: Array) -> Array:

@@ -19,6 +19,8 @@ import numpy.typing as npt
 from .errors import EpochError, InputError
 
 SCALES = ("UTC", "TAI", "GPS", "TT")
+LATEST_UTC_MINUS_TAI = -37
+"""Whole seconds, of the last leap second that is known: for times beyond the table's date of expiry."""
 
 _SECOND_NS = 1_000_000_000
 _DAY_S = 86_400

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, wraps
@@ -13,6 +14,8 @@ from types import NoneType, SimpleNamespace, UnionType
 from typing import Annotated, Any, Literal, ParamSpec, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
+
+import starplumb
 
 from ..physics.errors import ArgumentError
 from .show import Shown
@@ -69,7 +72,10 @@ def _form(function: Callable[..., Any]) -> tuple[Signature, dict[str, Hint]]:
         if p.annotation is not Parameter.empty and p.kind not in (p.VAR_POSITIONAL, p.VAR_KEYWORD)
     }
     space = getattr(function, "__globals__", {})
-    return form, get_type_hints(SimpleNamespace(__annotations__=single), space, include_extras=True)
+    named = set(re.findall(r"\w+", " ".join(map(str, single.values()))))
+    # an annotation may name a class of the door whose module is not loaded yet
+    unloaded = {name: getattr(starplumb, name) for name in named & (set(dir(starplumb)) - space.keys())}
+    return form, get_type_hints(SimpleNamespace(__annotations__=single), space, unloaded, include_extras=True)
 
 
 def _taken(name: str, value: object, hint: Hint) -> object:

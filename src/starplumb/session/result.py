@@ -17,8 +17,8 @@ from ..io.campaign.read import LoadedCampaign
 from ..io.results.residual_table import residual_columns, residual_names
 from ..judge.accuracy.requirement import Met, Requirement, met
 from ..judge.calibrate import Calibration
-from ..judge.consistency import IMPLAUSIBLE_P
 from ..judge.mountings import mountings
+from ..judge.trust import IMPLAUSIBLE_P
 from ..physics.errors import AlignmentFailed
 from ..physics.units import ARCSEC
 from ..report.calibration.summary import label_sentence, parameter_sentences, summary_sentences, summary_table

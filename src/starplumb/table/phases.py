@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..physics.errors import EpochError
 from ..physics.light import inertial_velocity
 from ..physics.orbit import EARTH_RADIUS, GM_EARTH, J2_EARTH, argument_of_latitude
-from ..physics.timescales import tt_julian, utc_minus_tai
+from ..physics.timescales import LATEST_UTC_MINUS_TAI, tt_julian, utc_minus_tai
 from ..physics.units import DEG
 from .campaign import Campaign
 
@@ -26,8 +26,6 @@ COHERENT = 0.97
 """Resultant of the phases about an even motion (14 deg rms) from which on it is one."""
 SAME_PEAK = 0.999
 """Part of the best resultant from which on another motion explains the phases as well."""
-LATEST_UTC_MINUS_TAI = -37
-"""Seconds; a second is 0.004 deg of the Earth's turn."""
 
 
 _LEAST_RATE = 1e-6
@@ -135,7 +133,7 @@ def sun_beta(t_ns: Epochs, r_J: Array, v_J: Array) -> Array:
 def _utc_minus_tai(t_ns: Epochs) -> Array:
     try:
         return np.asarray(utc_minus_tai(t_ns), dtype=np.float64)
-    except EpochError:
+    except EpochError:  # a second is 0.004 deg of the Earth's turn
         return np.full(t_ns.shape, float(LATEST_UTC_MINUS_TAI))
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...physics.units import ARCSEC
-from ...table.cameras.mounting import RANGE
+from ...table.cameras.known import RANGE
 from ...table.cameras.rig import Rig
 from ..result import ResultDocument
 

@@ -41,9 +41,7 @@ def mountings_part(c: Calibration, tracker: str) -> dict[str, Any]:
 
 
 def joint_part(found: Joint, first: str, tracker: str, widened: float) -> dict[str, Any]:
-    """The mounting of every camera by several campaigns, and their joint covariance; nothing where there is but one."""
-    if not found.cameras:
-        return {}
+    """The mounting of every camera of a rig by several campaigns, and their joint covariance."""
     C_EC = np.concatenate([found.C_EK[None], found.C_EC])
     P = found.covariance_all_E
     known = np.max(np.diagonal(P).reshape(-1, 3), axis=-1) < POINTING**2

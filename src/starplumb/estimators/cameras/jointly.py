@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from ...physics import so3
 from ...physics.units import ARCSEC
-from ...table.cameras.mounting import RANGE, CameraMounting
+from ...table.cameras.known import RANGE
+from ...table.cameras.mounting import CameraMounting
 from ...table.observations import Observations
 from ..fit import State
 from ..gls import Gls

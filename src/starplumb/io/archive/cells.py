@@ -79,6 +79,18 @@ def temperatures(text: str | None) -> dict[str, float]:
     return found
 
 
+def period_s(text: str) -> float | None:
+    """The period of the orbit that a ``result.json`` states, where it states one.  Raises ValueError for what is no
+    such document, or no period."""
+    orbit = mapping(text).get("orbit")
+    if orbit is None:
+        return None
+    period = number(orbit.get("period_s")) if isinstance(orbit, dict) else None
+    if period is None or period <= 0.0:
+        raise ValueError("an orbit without its period")
+    return period
+
+
 def names(text: str) -> list[str]:
     """A list of names in JSON.  Raises ValueError for anything else."""
     found = _json(text)

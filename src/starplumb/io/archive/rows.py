@@ -5,17 +5,14 @@ from __future__ import annotations
 import json
 import sqlite3
 import zlib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...mission.cameras import about_camera
-from ...mission.joint import CAMERA, Equations, Known, summed
-from ...table.cameras.mounting import RANGE
+from ...mission.joint import CAMERA
 from . import cells
 
 Array = NDArray[np.float64]
@@ -279,72 +276,3 @@ def moments_again(database: sqlite3.Connection, chosen: Sequence[Entry]) -> int:
         "GROUP BY t_ns HAVING count(DISTINCT campaign) > 1)"
     )
     return int(database.execute(asked, [entry.id for entry in chosen]).fetchone()[0])
-
-
-def equations_of(database: sqlite3.Connection, entry: Entry, camera: str) -> Equations:
-    """The normal equations of a campaign about the mounting of a camera in its result, what its images share under
-    names that are its own."""
-    campaign = entry.id
-    rows = database.execute(
-        "SELECT name, reference, expected, covariance FROM unknown WHERE campaign = ? ORDER BY rowid",
-        (campaign,),
-    ).fetchall()
-    names = [own_name(name, campaign) for name, *_ in rows]
-    blocks = dict(zip(names, _known([row[1:] for row in rows]), strict=True))
-    if "mounting" not in blocks:
-        raise ValueError("normal equations without the mounting")
-    whole = summed(entry.C_EK, blocks, _images(database, campaign))
-    return about_camera(whole, entry.instrument.frame_from, camera, RANGE)
-
-
-def _known(rows: Sequence[Sequence[Any]]) -> Iterator[Known]:
-    """What is known of unknowns beforehand, all numbers of a campaign read at once."""
-    parts = [part for row in rows for part in row if part is not None]
-    if not all(isinstance(part, bytes) and len(part) % 8 == 0 for part in parts):
-        raise ValueError("numbers that are missing")
-    ends = np.cumsum([len(part) // 8 for part in parts])
-    numbers = iter(np.split(cells.numbers(b"".join(parts)), ends[:-1]))
-    for _, _, covariance in rows:
-        reference, expected = next(numbers), next(numbers)
-        P = None if covariance is None else next(numbers).reshape(reference.size, reference.size)
-        yield Known(reference, expected, P)
-
-
-def _images(
-    database: sqlite3.Connection, campaign: str
-) -> Iterator[tuple[list[str], Array, Array, float, int]]:
-    """Equations of a campaign's images, those over the same unknowns already summed."""
-    rows = database.execute(
-        "SELECT names_json, information, vector, constant, count FROM normal WHERE campaign = ? ORDER BY rowid",
-        (campaign,),
-    )
-    alike: dict[str, list[tuple[bytes, bytes, float, int]]] = {}
-    for names, *equations in rows:
-        alike.setdefault(names, []).append(tuple(equations))
-    for names, some in alike.items():
-        information, vectors, constants, counts = zip(*some, strict=True)
-        b = cells.rows(vectors)
-        yield (
-            [own_name(name, campaign) for name in cells.names(names)],
-            _square(cells.rows(information).sum(axis=0), b.shape[1]),
-            b.sum(axis=0),
-            sum(constants),
-            sum(counts),
-        )
-
-
-def _square(upper: Array, n: int) -> Array:
-    """A symmetric matrix (n, n) from its upper triangle, row by row."""
-    N = np.zeros((n, n))
-    N[_upper(n)] = upper
-    return np.asarray(N + np.triu(N, 1).T)
-
-
-@lru_cache(maxsize=64)
-def _upper(n: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    return np.triu_indices(n)
-
-
-def own_name(name: str, campaign: str) -> str:
-    """The name of an unknown among several campaigns: what the images of one share is its own."""
-    return f"{name} of {campaign}" if name.startswith("shared[") else name

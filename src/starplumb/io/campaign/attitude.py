@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ...judge.consistency import IMPLAUSIBLE_P, chi2_p
+from ...judge.consistency import chi2_p
+from ...judge.trust import IMPLAUSIBLE_P
 from ...physics.errors import InputError
 from ...physics.orientation import EarthOrientation
 from ...physics.series import Attitude

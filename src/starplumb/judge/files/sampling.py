@@ -17,7 +17,8 @@ from ...physics.timescales import format_iso
 from ...physics.trackers import FusedAttitude
 from ...physics.units import ARCSEC
 from ...table.campaign import Campaign
-from ..consistency import IMPLAUSIBLE_P, chi2_p
+from ..consistency import chi2_p
+from ..trust import IMPLAUSIBLE_P
 from .evidence import NOTICEABLE, Evidence, growth, listed, worst
 from .image_errors import ImageErrors
 from .neighbours import NODES, Between, Missed, between, is_motion, left_out, missed_between, without

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from ...physics.trackers import FusedAttitude
 from ...physics.units import ARCSEC
 from ...table.campaign import Campaign
-from ..consistency import IMPLAUSIBLE_P, chi2_p
+from ..consistency import chi2_p
+from ..trust import IMPLAUSIBLE_P
 from .evidence import NOTICEABLE, Evidence, growth, listed, worst
 from .image_errors import ImageErrors
 

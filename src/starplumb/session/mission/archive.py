@@ -8,9 +8,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
-from ...documents.prediction import Prediction
 from ...io.archive import blobs, records, store, unite
 from ...io.archive.conflicts import known
 from ...io.archive.rows import Entry, Instrument, all_instruments, entries, insert, instruments
@@ -19,12 +18,15 @@ from ...physics.errors import ArgumentError, EpochError
 from ...physics.timescales import format_iso, parse
 from ...report.page import Table
 from ..arguments import Positive, Wanted, checked
-from ..result import Result
 from ..show import Shown
-from .adding import Coming, coming
 from .entries import SHORT, day, entry_document, instrument_of, one_of, satellite_of, state
 from .known import known as known_of
 from .known import mounting_at
+
+if TYPE_CHECKING:
+    from ...documents.prediction import Prediction
+    from ..result import Result
+    from .adding import Coming
 
 Words = Annotated[
     str, Wanted(PRINTABLE, str.isprintable), Wanted("some words", lambda value: bool(value.strip()))
@@ -67,6 +69,9 @@ class Archive(Shown):
         default the one that a campaign states, else that of the archive, else ``unnamed``.  Raises InputError where
         sightings would count twice, or a landmark stood elsewhere before.
         """
+        from ..result import Result
+        from .adding import coming
+
         each = [what] if isinstance(what, Result | str | Path) else list(what)
         with store.opened(self.path) as database:
             default = self._default(database)

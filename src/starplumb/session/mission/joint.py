@@ -10,11 +10,10 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ...documents.cameras.mountings import joint_part
 from ...documents.numbers import numbers
-from ...io.archive.rows import Entry, Instrument, entries, equations_of, moments_again
-from ...judge.consistency import IMPLAUSIBLE_P
-from ...judge.trust import NORMAL_95
+from ...io.archive.equations import equations
+from ...io.archive.rows import Entry, Instrument, entries, moments_again
+from ...judge.trust import IMPLAUSIBLE_P, NORMAL_95
 from ...mission.joint import MOUNTING, Equations, Joint, joint, shared_names
 from ...mission.points import Points, points, scatter
 from ...physics import so3
@@ -61,7 +60,7 @@ def standing(name: str, database: sqlite3.Connection, instrument: Instrument) ->
         raise InputError(
             f"{name}: found no campaign of {instrument} that counts ({reasons}), wanted one or more"
         )
-    parts = tuple(equations_of(database, entry, instrument.frame_from) for entry in used)
+    parts = tuple(equations(database, used, instrument.frame_from))
     agreed, notices = _known_before(parts, used)
     again = _again(moments_again(database, used))
     return Standing(used, parts, left, agreed, (*notices, *_near_ground(parts), *again))
@@ -205,7 +204,12 @@ def _document(
     half = NORMAL_95 * sigma
     if data is not None:
         half = np.maximum(half, stdtrit(degrees, 0.975) * data)
-    weak = [*_weaknesses(own, p), *found.notices]
+    weak, rig = [*_weaknesses(own, p), *found.notices], {}
+    if whole.cameras:
+        from ...documents.cameras.mountings import joint_part
+
+        widened = float(np.max(half / sigma)) / NORMAL_95
+        rig = joint_part(whole, instrument.frame_from, instrument.frame_to, widened)
     return {
         "schema": "starplumb-archive-show/1",
         "archive": name,
@@ -219,9 +223,7 @@ def _document(
         "sigma_arcsec": numbers(sigma / ARCSEC),
         "covariance_arcsec2": numbers(whole.covariance_E / ARCSEC**2),
         "interval_95_arcsec": numbers(half / ARCSEC),
-        **joint_part(
-            whole, instrument.frame_from, instrument.frame_to, float(np.max(half / sigma)) / NORMAL_95
-        ),
+        **rig,
         "sigma_from_data_arcsec": None if data is None else numbers(data / ARCSEC),
         "degrees_of_freedom_from_data": degrees,
         "fit": {"chi2": numbers(whole.chi2), "degrees_of_freedom": whole.degrees, "chi2_p": p},

@@ -5,13 +5,12 @@ from __future__ import annotations
 import sqlite3
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...documents.prediction import Prediction
-from ...documents.result import ResultDocument
-from ...io.archive import records
+from ...io.archive import cells, records
 from ...io.archive.rows import Entry, ImageRow, Instrument, images_of, result_text
 from ...mission.advice import altitude_m
 from ...mission.points import points
@@ -19,6 +18,9 @@ from ...mission.trend import Trend, trend
 from ...physics import so3
 from .issued import at, valid_at
 from .joint import standing
+
+if TYPE_CHECKING:
+    from ...documents.prediction import Prediction
 
 Array = NDArray[np.float64]
 
@@ -51,7 +53,7 @@ def known(name: str, database: sqlite3.Connection, instrument: Instrument) -> Kn
     happened = records.events(database, instrument.satellite)
     own = points([parts[k] for k in order])
     own = own.about(so3.exp(np.mean(own.value_E, axis=0)) @ own.C_EK)
-    last = ResultDocument.from_json(result_text(database, entries[-1].id), entries[-1].name)
+    period_s = cells.period_s(result_text(database, entries[-1].id))
     return Known(
         name,
         instrument,
@@ -61,12 +63,14 @@ def known(name: str, database: sqlite3.Connection, instrument: Instrument) -> Kn
         np.array([_phase(some) for some in images]),
         tuple(happened),
         tuple(records.issued(database, instrument)),
-        None if last.orbit is None else altitude_m(last.orbit.period_s),
+        None if period_s is None else altitude_m(period_s),
     )
 
 
 def mounting_at(of: Known, t_ns: int) -> Prediction:
     """The mounting at an epoch: what was issued for it, else what the trend says."""
+    from ...documents.prediction import Prediction
+
     start = of.trend.points.C_EK
     first, last = int(of.trend.t_ns[0]), int(of.trend.t_ns[-1])
     outside = max(first - t_ns, t_ns - last, 0) * 1e-9

@@ -14,9 +14,8 @@ from ...mission.advice import Advice, across, advice
 from ...mission.changes import Change, changes
 from ...mission.trend import YEAR_NS, Trend
 from ...physics.errors import EpochError
-from ...physics.timescales import format_iso
+from ...physics.timescales import LATEST_UTC_MINUS_TAI, format_iso
 from ...physics.units import ARCSEC, DEG
-from ...table.phases import LATEST_UTC_MINUS_TAI
 from .issued import foretold_by
 from .known import Known
 

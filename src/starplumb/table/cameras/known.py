@@ -8,8 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...physics import so3
+from ...physics.units import DEG
 
 Array = NDArray[np.float64]
+
+RANGE = 10.0 * DEG
+"""Largest error of a model mounting that makes sense."""
 
 
 @dataclass(frozen=True)

@@ -8,14 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...physics import so3
-from ...physics.units import DEG
 from ..observations import Observations
 from ..parameters import Moves
+from .known import RANGE
 
 Array = NDArray[np.float64]
-
-RANGE = 10.0 * DEG
-"""Largest error of a model mounting that makes sense."""
 
 CAMERA_MOUNTING = "camera_"
 """How the names of its parameters begin."""
