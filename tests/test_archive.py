@@ -17,7 +17,7 @@ import pytest
 
 import starplumb as sp
 from command import starplumb
-from missions import mission, part, whole
+from missions import mission, part, tampered, whole
 from starplumb.io.archive import blobs, cells, store
 from starplumb.io.archive.rows import result_text
 from starplumb.io.campaign.write import write_campaign
@@ -191,8 +191,7 @@ def test_verify_finds_what_was_changed(tmp_path, parts):
     digest = next(iter(json.loads((parts["a"] / "result.json").read_text())["inputs"].values()))
     blobs.place_of(archive.path, digest).write_bytes(b"no longer")
     assert list(archive.verify()["not_kept"].values()) == [["campaign.toml"]]
-    with closing(sqlite3.connect(archive.path)) as database, database:
-        database.execute("DROP TRIGGER input_UPDATE")
+    with tampered(archive.path) as database:
         database.execute("UPDATE input SET sha256 = 'sha256:0' WHERE name = 'campaign.toml'")
     done = starplumb("archive", "verify", archive.path)
     assert done.status == 3
@@ -349,8 +348,7 @@ def test_the_past_is_repeated_from_the_kept_files(tmp_path, parts):
 
 def test_a_campaign_whose_images_are_gone_is_a_damaged_archive(tmp_path, parts):
     archive = archive_of(tmp_path, parts["a"])
-    with closing(sqlite3.connect(archive.path)) as database, database:
-        database.execute("DROP TRIGGER image_DELETE")
+    with tampered(archive.path) as database:
         database.execute("DELETE FROM image")
     done = starplumb("archive", "trend", archive.path)
     assert done.status == 2
@@ -381,9 +379,7 @@ ISSUED = (
 )
 def test_rows_that_hold_something_else_are_a_damaged_archive(tmp_path, parts, verb, change):
     archive = archive_of(tmp_path, parts["a"])
-    with closing(sqlite3.connect(archive.path)) as database, database:
-        for table in ("image", "campaign", "normal"):
-            database.execute(f"DROP TRIGGER {table}_UPDATE")
+    with tampered(archive.path) as database:
         database.execute(change)
     done = starplumb("archive", verb, archive.path)
     assert done.status == 2
@@ -407,8 +403,7 @@ def test_a_result_that_an_index_has_and_its_table_has_not_is_told(tmp_path, part
 @pytest.mark.slow
 def test_a_change_of_an_answer_is_said(tmp_path, parts):
     archive = archive_of(tmp_path, parts["a"])
-    with closing(sqlite3.connect(archive.path)) as database, database:
-        database.execute("DROP TRIGGER campaign_UPDATE")
+    with tampered(archive.path) as database:
         turned = so3.exp([1e-4, 0.0, 0.0]) @ np.array(
             json.loads((parts["a"] / "result.json").read_text())["mounting"]["matrix"]
         )

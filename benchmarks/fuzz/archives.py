@@ -45,21 +45,15 @@ def pages(rng: Rng, data: bytes) -> bytes:
 
 def cell(rng: Rng, data: bytes) -> bytes:
     """A cell of a row that holds something else, which SQLite itself takes."""
+    from missions import without_triggers
+
     database = sqlite3.connect(":memory:")
     try:
         database.deserialize(data[:18] + ROLLBACK + data[20:])
         database.execute("PRAGMA ignore_check_constraints=ON")
         database.execute("PRAGMA journal_mode=OFF")
-        for (name,) in database.execute("SELECT name FROM sqlite_master WHERE type = 'trigger'").fetchall():
-            database.execute(f"DROP TRIGGER {name}")
-        table = TABLES[rng.integers(len(TABLES))]
-        rows = database.execute(f"SELECT rowid, * FROM {table}").fetchall()
-        if rows:
-            row = rows[rng.integers(len(rows))]
-            names = [found[1] for found in database.execute(f"PRAGMA table_info({table})")]
-            at = int(rng.integers(len(names)))
-            value = _other(rng, row[at + 1])
-            database.execute(f"UPDATE {table} SET {names[at]} = ? WHERE rowid = ?", (value, row[0]))
+        with without_triggers(database):
+            _change(rng, database)
         database.commit()
         written = database.serialize()
         return written[:18] + data[18:20] + written[20:]
@@ -67,6 +61,17 @@ def cell(rng: Rng, data: bytes) -> bytes:
         return data
     finally:
         database.close()
+
+
+def _change(rng: Rng, database: sqlite3.Connection) -> None:
+    table = TABLES[rng.integers(len(TABLES))]
+    rows = database.execute(f"SELECT rowid, * FROM {table}").fetchall()
+    if rows:
+        row = rows[rng.integers(len(rows))]
+        names = [found[1] for found in database.execute(f"PRAGMA table_info({table})")]
+        at = int(rng.integers(len(names)))
+        value = _other(rng, row[at + 1])
+        database.execute(f"UPDATE {table} SET {names[at]} = ? WHERE rowid = ?", (value, row[0]))
 
 
 def _other(rng: Rng, value: Any) -> Any:

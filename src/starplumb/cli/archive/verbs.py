@@ -180,7 +180,7 @@ def merge(
 
 @archive.command("verify", cls=WithNumbers)
 def verify(file: File, json: Json = False, quiet: Quiet = False, verbose: Verbose = False) -> None:
-    """Look whether the database is whole, every campaign is what its id says, and its files are kept.
+    """Look whether the database is whole, every row as it was added and as the results say, and all files are kept.
 
     Exit status 3 where something is wrong.
 
@@ -203,9 +203,10 @@ def verify(file: File, json: Json = False, quiet: Quiet = False, verbose: Verbos
             f"{left} files in {file.name}.files are of no campaign: an addition was stopped; repeat it"
         )
     n, wrong = found["campaigns"], len(found["faults"])
-    speak.show(f"{n} campaign{'s' * (n != 1)}, {wrong} fault{'s' * (wrong != 1)}", *lost)
+    speak.show(f"{n} campaign{'s' * (n != 1)}, {wrong} fault{'s' * (wrong != 1)}", *found["faults"], *lost)
     if found["faults"]:
-        raise AlignmentFailed(f"{file}: {'; '.join(found['faults'][:3])}")
+        more = f" and {wrong - 1} more" if wrong > 1 else ""
+        raise AlignmentFailed(f"{file}: {found['faults'][0]}{more}, wanted rows as they were added")
 
 
 for verb in (trends.trend, trends.event, trends.issue, rerun):

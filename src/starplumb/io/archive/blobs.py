@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import gzip
+import os
+import re
 import zlib
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
@@ -14,6 +16,8 @@ from ..text.files import trouble
 
 MOST_BYTES = 1_000_000_000
 """Of one kept file."""
+LEVEL = 6
+"""Of packing."""
 PIECE = 1 << 20
 """Bytes that are unpacked at a time."""
 
@@ -23,8 +27,15 @@ def folder_of(archive: Path) -> Path:
     return archive.with_name(f"{archive.name}.files")
 
 
+def is_digest(text: str) -> bool:
+    """Whether a text is a digest as :func:`starplumb.io.text.files.fingerprint` writes them: it names a file."""
+    return re.fullmatch("sha256:[0-9a-f]{64}", text) is not None
+
+
 def place_of(archive: Path, digest: str) -> Path:
-    """Where a file of this digest (``sha256:...``) is kept."""
+    """Where a file of this digest (``sha256:...``) is kept.  Raises ValueError for what is none."""
+    if not is_digest(digest):
+        raise ValueError(f"a digest that is none: {digest}")
     name = digest.removeprefix("sha256:")
     return folder_of(archive) / name[:2] / f"{name}.gz"
 
@@ -42,13 +53,14 @@ def keep(archive: Path, digest: str, path: Path) -> bool:
         return False
     if f"sha256:{sha256(data).hexdigest()}" != digest:
         return False
-    _write(place, gzip.compress(data, compresslevel=6, mtime=0))
+    _write(place, _packed([data]))
     return True
 
 
 def all_kept(archive: Path) -> list[str]:
     """The digests of all files that are kept."""
-    return sorted(f"sha256:{place.stem}" for place in folder_of(archive).glob("??/*.gz"))
+    found = (f"sha256:{place.stem}" for place in folder_of(archive).glob("??/*.gz"))
+    return sorted(filter(is_digest, found))
 
 
 def drop(archive: Path, digests: Iterable[str]) -> None:
@@ -63,22 +75,35 @@ def drop(archive: Path, digests: Iterable[str]) -> None:
 
 def copy(source: Path, target: Path, digest: str) -> bool:
     """Have another archive keep a file that one keeps; whether it is kept there now."""
-    here, there = place_of(source, digest), place_of(target, digest)
-    if not there.is_file() and here.is_file():
-        _write(there, here.read_bytes())
+    there = place_of(target, digest)
+    if not there.is_file() and is_kept(source, digest):
+        _write(there, _packed(pieces(source, digest)))
     return there.is_file()
 
 
-def _write(place: Path, data: bytes) -> None:
+def _packed(pieces: Iterable[bytes]) -> Iterator[bytes]:
+    member = zlib.compressobj(LEVEL, wbits=31)
+    yield from map(member.compress, pieces)
+    yield member.flush()
+
+
+def _write(place: Path, data: Iterable[bytes]) -> None:
     with staged(place.parent) as staging:
-        staging.write(place.name, [data])
+        staging.write(place.name, data)
         staging.commit([place.name])
+
+
+def is_there(archive: Path, digest: str) -> bool:
+    """Whether something stands where a file would be kept."""
+    return is_digest(digest) and os.path.lexists(place_of(archive, digest))
 
 
 def is_kept(archive: Path, digest: str) -> bool:
     """Whether a file is kept, and its bytes are what they were."""
-    place, found = place_of(archive, digest), sha256()
-    if trouble(place) is not None:  # a pipe would keep us waiting
+    found = sha256()
+    if (
+        not is_digest(digest) or trouble(place_of(archive, digest)) is not None
+    ):  # a pipe would keep us waiting
         return False
     try:
         for piece in pieces(archive, digest):

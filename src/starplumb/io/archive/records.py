@@ -11,6 +11,7 @@ from typing import Any
 
 from . import cells
 from .rows import Instrument
+from .seals import seal
 
 
 @dataclass(frozen=True)
@@ -53,6 +54,7 @@ def add_event(
     database.execute(
         "INSERT OR IGNORE INTO event VALUES(?, ?, ?, ?, ?, ?)", (event.id, satellite, t_ns, kind, note, now)
     )
+    seal(database, "event", event.id)
     return event
 
 
@@ -68,6 +70,7 @@ def events(database: sqlite3.Connection, satellite: str) -> list[Event]:
 def withdraw(database: sqlite3.Connection, campaign: str, reason: str, now: str) -> None:
     """Withdraw a campaign; the first reason stays."""
     database.execute("INSERT OR IGNORE INTO withdrawn VALUES(?, ?, ?)", (campaign, now, reason))
+    seal(database, "withdrawn", campaign)
 
 
 def issue(
@@ -87,6 +90,7 @@ def issue(
         "INSERT OR IGNORE INTO validity VALUES(?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
         (key, *instrument.key, *span, text, now, supersedes, reason),
     )
+    seal(database, "validity", key)
     return Validity(key, instrument, *span, model, now, supersedes, reason)
 
 

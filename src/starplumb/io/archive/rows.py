@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import json
 import sqlite3
 import zlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...mission.joint import CAMERA
+from ..text.files import MOST_TEXT
 from . import cells
 
 Array = NDArray[np.float64]
@@ -102,60 +102,9 @@ class Entry:
         return self.withdrawn is None and self.status in ("ok", "weak")
 
 
-def insert(database: sqlite3.Connection, c: NewCampaign, now: str) -> None:
-    """Add a campaign, within a transaction."""
-    database.execute("INSERT OR IGNORE INTO satellite VALUES(?)", (c.instrument.satellite,))
-    further = [name[len(CAMERA) : -1] for name, *_ in c.unknowns if name.startswith(CAMERA)]
-    for camera in (c.instrument.frame_from, *further):
-        key = (c.instrument.satellite, camera, c.instrument.frame_to)
-        database.execute("INSERT OR IGNORE INTO instrument VALUES(?, ?, ?)", key)
-    row = (c.id, c.inputs_id, *c.instrument.key, c.name, c.first_ns, c.last_ns, now, c.software, c.method)
-    options = json.dumps(c.options, sort_keys=True)
-    database.execute(
-        f"INSERT INTO campaign VALUES({_marks(16)})",
-        (
-            *row,
-            options,
-            c.status,
-            *map(_bytes, (c.C_EK, c.covariance_E)),
-            zlib.compress(c.result_text.encode()),
-        ),
-    )
-    _many(database, "input", 3, ((c.id, name, digest) for name, digest in c.inputs.items()))
-    _many(database, "image", 9, (_image_row(c.id, image) for image in c.images))
-    _many(
-        database,
-        "unknown",
-        6,
-        ((c.id, name, unit, *map(_bytes, (r, e, P))) for name, unit, r, e, P in c.unknowns),
-    )
-    _many(
-        database,
-        "normal",
-        7,
-        (
-            (c.id, i, json.dumps(list(names)), _bytes(N), _bytes(b), k, n)
-            for i, names, N, b, k, n in c.normals
-        ),
-    )
-
-
-def _marks(n: int) -> str:
+def marks(n: int) -> str:
+    """So many places of values in a statement."""
     return ", ".join("?" * n)
-
-
-def _many(database: sqlite3.Connection, table: str, width: int, rows: Iterable[tuple[Any, ...]]) -> None:
-    database.executemany(f"INSERT INTO {table} VALUES({_marks(width)})", rows)
-
-
-def _image_row(campaign: str, image: ImageRow) -> tuple[Any, ...]:
-    temperatures = json.dumps(dict(image.temperatures_c), sort_keys=True) if image.temperatures_c else None
-    place = (campaign, image.image_id, image.t_ns, image.u, image.beta, temperatures)
-    return (*place, image.statistic, image.observations, image.sightings)
-
-
-def _bytes(values: Array | None) -> bytes | None:
-    return None if values is None else np.ascontiguousarray(values, dtype="<f8").tobytes()
 
 
 def instruments(database: sqlite3.Connection) -> list[Instrument]:
@@ -177,7 +126,18 @@ _FURTHER = "u.name > 'mounting[' AND u.name < 'mounting\\'"
 def entries(database: sqlite3.Connection, instrument: Instrument | None = None) -> list[Entry]:
     """All campaigns, or those that say something of an instrument, in the order of time: those of its camera, and of
     cameras that are with it in another campaign."""
-    where = "" if instrument is None else "WHERE satellite = ? AND frame_to = ? "
+    if instrument is None:
+        return _entries(database, "", ())
+    of = (instrument.satellite, instrument.frame_to)
+    return _linked(_entries(database, "WHERE satellite = ? AND frame_to = ? ", of), instrument.frame_from)
+
+
+def entry(database: sqlite3.Connection, campaign: str) -> Entry:
+    """The campaign of an id.  Raises LookupError where there is none."""
+    return _entries(database, "WHERE c.id = ? ", (campaign,))[0]
+
+
+def _entries(database: sqlite3.Connection, where: str, values: Sequence[str]) -> list[Entry]:
     rows = database.execute(
         "SELECT c.id, c.inputs, satellite, frame_from, frame_to, name, first_ns, last_ns, added_utc, software, method, "
         "options_json, status, matrix, covariance, (SELECT count(*) FROM image i WHERE i.campaign = c.id), "
@@ -185,10 +145,9 @@ def entries(database: sqlite3.Connection, instrument: Instrument | None = None) 
         "EXISTS(SELECT 1 FROM normal n WHERE n.campaign = c.id), w.at_utc, w.reason, "
         f"(SELECT group_concat(u.name, char(10)) FROM unknown u WHERE u.campaign = c.id AND {_FURTHER}) "
         f"FROM campaign c LEFT JOIN withdrawn w ON w.campaign = c.id {where}ORDER BY first_ns, c.id",
-        () if instrument is None else (instrument.satellite, instrument.frame_to),
+        values,
     )
-    found = [_entry(row) for row in rows]
-    return found if instrument is None else _linked(found, instrument.frame_from)
+    return [_entry(row) for row in rows]
 
 
 def _linked(found: list[Entry], camera: str) -> list[Entry]:
@@ -228,11 +187,18 @@ def _entry(row: tuple[Any, ...]) -> Entry:
 
 
 def result_text(database: sqlite3.Connection, campaign: str) -> str:
-    """``result.json`` of a campaign.  Raises ValueError where there is none."""
+    """``result.json`` of a campaign.  Raises ValueError where there is none, or one without end."""
     row = database.execute("SELECT result_json FROM campaign WHERE id = ?", (campaign,)).fetchone()
     if row is None or not isinstance(row[0], bytes):
         raise ValueError("a campaign without its result")
-    return zlib.decompress(row[0]).decode()
+    packed = zlib.decompressobj()
+    try:
+        data = packed.decompress(row[0], MOST_TEXT)
+    except zlib.error as error:
+        raise ValueError(f"a result that cannot be unpacked: {error}") from None
+    if not packed.eof:
+        raise ValueError("a result that breaks off, or does not end")
+    return data.decode()
 
 
 def inputs_of(database: sqlite3.Connection, campaign: str) -> dict[str, str]:
@@ -272,7 +238,7 @@ def images_of(database: sqlite3.Connection, campaign: str) -> list[ImageRow]:
 def moments_again(database: sqlite3.Connection, chosen: Sequence[Entry]) -> int:
     """How many moments have images in two or more of some campaigns."""
     asked = (
-        f"SELECT count(*) FROM (SELECT t_ns FROM image WHERE campaign IN ({_marks(len(chosen))}) "
+        f"SELECT count(*) FROM (SELECT t_ns FROM image WHERE campaign IN ({marks(len(chosen))}) "
         "GROUP BY t_ns HAVING count(DISTINCT campaign) > 1)"
     )
     return int(database.execute(asked, [entry.id for entry in chosen]).fetchone()[0])

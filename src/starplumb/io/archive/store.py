@@ -18,7 +18,9 @@ from typing import TypeVar
 from ...disk.staging import cannot_write, flush, staged
 from ...physics.errors import InputError
 from ..text.files import show, trouble
-from .schema import APPLICATION_ID, EDITION, statements
+from .form import limit, require_archive
+from .schema import statements
+from .seals import seal
 
 WAIT_S, PAUSE_S = 60.0, 0.02
 """How long a writer waits for another, and between two tries."""
@@ -62,9 +64,10 @@ def create(path: Path, satellite: str) -> None:
         raise cannot_write(path, error) from None
     with staged(path.parent, place=path) as staging:
         beside = staging.path(path.name)
-        with _connected(beside, path) as database:
+        with _connected(f"{beside.absolute().as_uri()}?mode=rwc", path) as database:
             database.executescript(statements())
             database.execute("INSERT INTO meta VALUES('satellite', ?)", (satellite,))
+            seal(database, "meta", "satellite")
             database.execute("PRAGMA journal_mode=WAL")  # stays so: two who open it need not agree on that
         flush(beside)
         try:
@@ -76,22 +79,59 @@ def create(path: Path, satellite: str) -> None:
 
 @contextmanager
 def opened(path: Path) -> Iterator[sqlite3.Connection]:
-    """The database of an archive.  Raises InputError, one sentence, where the file is none or cannot be used."""
-    if not path.is_file():
-        if path.exists() and (found := trouble(path)) is not None:
-            what = found.partition(", wanted")[0]
-            raise InputError(f"{path}: {what}, wanted an archive")
-        what = "no such file"
-        raise InputError(f"{path}: found {what}, wanted an archive; starplumb archive init {path} makes one")
+    """The database of an archive, one that can only be read where it cannot be written.
+
+    Raises InputError, one sentence, where the file is none or cannot be used.
+    """
+    if (found := trouble(path)) is not None:
+        what = found.partition(", wanted")[0]
+        hint = f"; starplumb archive init {path} makes one" if what == "found no such file" else ""
+        raise InputError(f"{path}: {what}, wanted an archive{hint}")
     require_local(path)
-    with _connected(path, path) as database, _whole(path):
-        patiently(lambda: _require_archive(database, path))
-        mode = patiently(lambda: database.execute("PRAGMA journal_mode=WAL").fetchone()[0])
+    with _unchanged(path) as alone, _connected(address(path), path) as database, _whole(path):
+        patiently(lambda: require_archive(database, path))
+        limit(database)
+        mode = (
+            "wal" if alone else patiently(lambda: database.execute("PRAGMA journal_mode=WAL").fetchone()[0])
+        )
         if mode != "wal":
             raise InputError(
                 f"{path}: found a drive on which SQLite keeps no write-ahead log ({mode}), wanted a local one"
             )
         yield database
+
+
+def address(path: Path) -> str:
+    """How SQLite is told of an archive: as one that nobody changes where neither it nor files beside it can be
+    written, since SQLite then can have no log beside it."""
+    return f"{path.absolute().as_uri()}?{'mode=ro&immutable=1' if _read_only(path) else 'mode=rw'}"
+
+
+def _read_only(path: Path) -> bool:
+    """Whether an archive can only be read, and has no log of what another program has added."""
+    log = path.resolve().with_name(f"{path.resolve().name}-wal")
+    written = all(os.access(one, os.W_OK, effective_ids=_EFFECTIVE) for one in (path, path.resolve().parent))
+    return not written and not (log.is_file() and log.stat().st_size)
+
+
+_EFFECTIVE = os.access in os.supports_effective_ids
+
+
+@contextmanager
+def _unchanged(path: Path) -> Iterator[bool]:
+    """Whether an archive can only be read; SQLite then locks nothing.  Raises InputError where it was written
+    meanwhile by another program, which may."""
+    alone, before = _read_only(path), _written(path)
+    yield alone
+    if alone and not (_read_only(path) and before == _written(path)):
+        raise InputError(
+            f"{path}: found it written by another program while it was read, wanted a turn; the same command again"
+        )
+
+
+def _written(path: Path) -> tuple[int, int]:
+    found = path.stat()
+    return found.st_mtime_ns, found.st_size
 
 
 @contextmanager
@@ -137,10 +177,11 @@ def _in_use(error: sqlite3.Error) -> bool:
 
 
 @contextmanager
-def _connected(path: Path, named: Path) -> Iterator[sqlite3.Connection]:
+def _connected(where: str, named: Path) -> Iterator[sqlite3.Connection]:
     try:
-        database = sqlite3.connect(path, timeout=WAIT_S, isolation_level=None)
+        database = sqlite3.connect(where, timeout=WAIT_S, isolation_level=None, uri=True)
         try:
+            database.execute("PRAGMA trusted_schema=OFF")
             database.execute("PRAGMA synchronous=FULL")
             database.execute("PRAGMA foreign_keys=ON")
             yield database
@@ -159,6 +200,8 @@ def _sentence(error: sqlite3.Error) -> str:
         return f"found a file that SQLite cannot read ({text}), wanted an archive"
     if _in_use(error):
         return f"found it in use by another program for {WAIT_S:.0f} s, wanted a turn; the same command again"
+    if "interrupted" in text:
+        return "found a search in it that does not end, wanted the rows of missions; somebody has changed it"
     if "full" in text:
         return "found the disk full, wanted room; nothing was added"
     if "readonly" in text or "unable to open" in text:
@@ -177,17 +220,6 @@ def is_archive(path: Path) -> bool:
             return file.read(len(_MAGIC)) == _MAGIC
     except (OSError, ValueError):
         return False
-
-
-def _require_archive(database: sqlite3.Connection, path: Path) -> None:
-    kind = database.execute("PRAGMA application_id").fetchone()[0]
-    if kind != APPLICATION_ID:
-        raise InputError(f"{path}: found a database of another program, wanted an archive")
-    edition = database.execute("PRAGMA user_version").fetchone()[0]
-    if edition != EDITION:
-        raise InputError(
-            f"{path}: found an archive of edition {edition}, wanted {EDITION}; another starplumb wrote it"
-        )
 
 
 def require_local(path: Path) -> None:

@@ -1,16 +1,19 @@
-"""Archives united, and looked into: rows are known by their content, so that union is safe."""
+"""Archives united: rows are known by their content, so that union is safe."""
 
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from pathlib import Path
 
 from ...physics.errors import InputError
 from . import blobs
 from .rows import Entry, entries, inputs_of
-from .schema import NAMES
-from .store import opened, transaction
+from .seals import SEALED, changed, seal_of
+from .store import address, opened, transaction
+
+TAKEN = ("campaign", "event", "validity", "withdrawn")
+"""Tables whose rows are taken from another archive, in an order in which each refers only to those before it."""
 
 
 def merge(target: Path, source: Path) -> dict[str, int]:
@@ -23,28 +26,39 @@ def merge(target: Path, source: Path) -> dict[str, int]:
     with opened(source):  # a log that is left there is read in
         pass
     with opened(target) as database:
-        database.execute("ATTACH DATABASE ? AS other", (str(source),))
+        database.execute("ATTACH DATABASE ? AS other", (address(source),))
         with transaction(database):
-            new = {
-                row[0]
-                for row in database.execute(
-                    "SELECT id FROM other.campaign WHERE id NOT IN (SELECT id FROM main.campaign)"
-                )
-            }
-            counts = {table: _added(database, table) for table in NAMES}
-            _require_consistent(database, source, new)
-        missing = [digest for one in sorted(new) for digest in inputs_of(database, one).values()]
-    for digest in missing:
+            for table in ("satellite", "instrument"):
+                database.execute(f"INSERT OR IGNORE INTO main.{table} SELECT * FROM other.{table}")
+            taken = {table: _taken(database, source, table) for table in TAKEN}
+            _require_consistent(database, source, set(taken["campaign"]))
+            named = [digest for one in taken["campaign"] for digest in inputs_of(database, one).values()]
+            if wrong := [digest for digest in named if not blobs.is_digest(digest)]:
+                raise ValueError(f"a digest that is none: {wrong[0]}")
+    for digest in named:
         blobs.copy(source, target, digest)
-    return counts
+    return {table: len(new) for table, new in taken.items()}
 
 
-def _added(database: sqlite3.Connection, table: str) -> int:
-    """Rows of a table that were new; what a campaign that was there already has is not taken again."""
-    before = database.total_changes
-    order = " ORDER BY rowid"
-    database.execute(f"INSERT OR IGNORE INTO main.{table} SELECT * FROM other.{table}{order}")
-    return database.total_changes - before
+def _taken(database: sqlite3.Connection, source: Path, table: str) -> list[str]:
+    """The ids of rows of a table that were new, added with all that belongs to them and with their digests."""
+    column = SEALED[table][table]
+    known = f"SELECT {column} FROM main.{table}"
+    asked = f"SELECT {column} FROM other.{table} WHERE {column} NOT IN ({known}) ORDER BY rowid"
+    new = [id_ for (id_,) in database.execute(asked).fetchall()]
+    for id_ in new:
+        rows = {**SEALED[table], "meta": "key"}
+        for name, of in rows.items():
+            key = seal_of(table, id_) if name == "meta" else id_
+            database.execute(
+                f"INSERT INTO main.{name} SELECT * FROM other.{name} WHERE {of} = ? ORDER BY rowid", (key,)
+            )
+        if other := changed(database, table, id_):
+            raise InputError(
+                f"{source}: found rows of {table} {id_[:12]} changed since they were added (in {', '.join(other)}), "
+                f"wanted them as they were; starplumb archive verify {source} says more"
+            )
+    return new
 
 
 def _require_consistent(database: sqlite3.Connection, source: Path, new: set[str]) -> None:
@@ -99,32 +113,6 @@ def _one_place(database: sqlite3.Connection, name: str, a: str, b: str) -> bool:
     return bool(np.max(np.abs(r_a - r_b)) <= SAME_PLACE_M and np.allclose(P_a, P_b, rtol=1e-6, atol=1e-9))
 
 
-def faults(path: Path) -> Iterator[str]:
-    """What is wrong with an archive, a sentence each."""
-    with opened(path) as database:
-        for (text,) in database.execute("PRAGMA integrity_check"):
-            if text != "ok":
-                yield f"the database is damaged: {text}"
-        for table, row, parent, _ in database.execute("PRAGMA foreign_key_check"):
-            yield f"the table {table}, row {row}: what it refers to in {parent} is missing"
-        half = database.execute(
-            "SELECT c.id, c.name FROM campaign c WHERE NOT EXISTS(SELECT 1 FROM input i WHERE i.campaign = c.id)"
-        )
-        for id_, name in half:
-            yield f"campaign {id_[:12]} ({name}) has no inputs"
-        yield from _changed(database)
-
-
-def _changed(database: sqlite3.Connection) -> Iterator[str]:
-    """Campaigns whose rows do not add up to what they are known by."""
-    from .records import digest
-
-    for entry in entries(database):
-        inputs = sorted(inputs_of(database, entry.id).values())
-        if digest(inputs) != entry.inputs_id or digest(inputs, entry.options) != entry.id:
-            yield f"campaign {entry.id[:12]} ({entry.name}) is not what its id says: its rows were changed"
-
-
 def unnamed(database: sqlite3.Connection, digests: Iterable[str]) -> list[str]:
     """Those of digests that no campaign names as an input."""
     asked = "SELECT 1 FROM input WHERE sha256 = ?"
@@ -135,14 +123,3 @@ def left_over(path: Path) -> list[str]:
     """Kept files that no campaign names, as an addition leaves them that was killed: the same addition uses them."""
     with opened(path) as database:
         return unnamed(database, blobs.all_kept(path))
-
-
-def unkept(path: Path) -> dict[str, list[str]]:
-    """Inputs that are not kept beside an archive, or no longer as they were, by campaign."""
-    found = {}
-    with opened(path) as database:
-        for entry in entries(database):
-            lost = [n for n, d in inputs_of(database, entry.id).items() if not blobs.is_kept(path, d)]
-            if lost:
-                found[entry.id] = lost
-    return found

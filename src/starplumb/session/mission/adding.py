@@ -12,9 +12,10 @@ import numpy as np
 
 from ...documents.normals import NormalsDocument
 from ...documents.result import Image, ResultDocument
+from ...io.archive.blobs import is_digest
 from ...io.archive.records import digest
 from ...io.archive.rows import ImageRow, Instrument, NewCampaign
-from ...io.text.files import read_text
+from ...io.text.files import read_text, show
 from ...io.text.write import json_text
 from ...physics import so3
 from ...physics.errors import InputError
@@ -46,7 +47,7 @@ def coming(what: Result | str | Path, satellite: str | None, default: str) -> Co
         path = what.campaign.path
         folders = () if path is None else (path.parent,)
         return Coming(
-            _row(json_text(what.document), what.normals, (satellite, default), "the result"), folders
+            row_of(json_text(what.document), what.normals, (satellite, default), "the result"), folders
         )
     path = Path(what)
     path = _within(path) if path.is_dir() else path
@@ -81,17 +82,26 @@ def _of_result(path: Path, satellite: str | None, default: str) -> Coming:
                 f"{beside}: found equations about another mounting than that of {path.name}, wanted those of one "
                 "result; calibrate again"
             )
-    row = _row(text, None if normals is None else normals.to_dict(), (satellite, default), str(path))
+    row = row_of(text, None if normals is None else normals.to_dict(), (satellite, default), str(path))
     return Coming(row, (path.absolute().parent.parent, path.absolute().parent))
 
 
-def _row(text: str, normals: Mapping[str, Any] | None, of: tuple[str | None, str], name: str) -> NewCampaign:
+def row_of(
+    text: str, normals: Mapping[str, Any] | None, of: tuple[str | None, str], name: str
+) -> NewCampaign:
+    """The row of a result, as the text of ``result.json``, and of its normal equations, of a satellite or else of
+    another.  Raises InputError, which calls the result by its ``name``, where it is none of this starplumb."""
     result = ResultDocument.from_json(text, name)
     if not result.inputs or result.span is None:
         raise InputError(
             f"{name}: found a result that does not say from which files, or of which time, wanted one of this starplumb"
         )
     equations = None if normals is None else NormalsDocument.of(normals)
+    for file, one in result.inputs.items():
+        if not is_digest(one):
+            raise InputError(
+                f"{name}, inputs: found {show(one)} of {show(file)}, wanted sha256: and its 64 digits"
+            )
     inputs, options = sorted(result.inputs.values()), options_of(result)
     satellite = next(name for name in (of[0], result.satellite, of[1]) if name is not None)
     first, last = parse([result.span.first, result.span.last], "UTC").tolist()

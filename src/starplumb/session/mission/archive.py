@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 from ...io.archive import blobs, records, store, unite
 from ...io.archive.conflicts import known
-from ...io.archive.rows import Entry, Instrument, all_instruments, entries, insert, instruments
+from ...io.archive.insertion import insert
+from ...io.archive.rows import Entry, Instrument, all_instruments, entries, instruments
 from ...io.tables.cells import PRINTABLE
 from ...physics.errors import ArgumentError, EpochError
 from ...physics.timescales import format_iso, parse
@@ -254,16 +255,12 @@ class Archive(Shown):
         return rerun_document(self.path, tuple(entry for entry in chosen if entry.withdrawn is None))
 
     def verify(self) -> dict[str, Any]:
-        """What is wrong with the archive, which campaigns could not be run again for want of their files, and which
-        files are kept for none."""
-        return {
-            "schema": "starplumb-archive-verify/1",
-            "archive": str(self.path),
-            "campaigns": len(self.entries),
-            "faults": list(unite.faults(self.path)),
-            "not_kept": unite.unkept(self.path),
-            "left_over": unite.left_over(self.path),
-        }
+        """What is wrong with the archive: its rows against each other, against the digests that were written with them
+        and against their results, and its kept files; which campaigns could not be run again for want of their files,
+        and which files are kept for none."""
+        from .verification import verify_document
+
+        return verify_document(self.path)
 
     @contextmanager
     def _reading(
