@@ -23,8 +23,8 @@ from starplumb.imagery.chips import STEP_PX, looked_for, matched
 from starplumb.imagery.drawn.ground import Ground, Look
 from starplumb.imagery.drawn.render import picture
 from starplumb.imagery.drawn.sky import Sky
-from starplumb.imagery.matching.least_squares import SHAPE
 from starplumb.imagery.matching.orientation import RIM_PX
+from starplumb.imagery.matching.rounds import SHAPE
 from starplumb.imagery.prediction import Piece
 
 CHIP, MARGIN = 48, 14

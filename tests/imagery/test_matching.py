@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from blobs import Blobs, grid
@@ -9,8 +11,9 @@ from scipy.optimize import least_squares as scipy_least_squares
 from scipy.optimize import minimize
 
 from starplumb.imagery.matching.contrast import Contrast
-from starplumb.imagery.matching.least_squares import SHAPE, best_known, match
+from starplumb.imagery.matching.least_squares import best_known, carried_on, match
 from starplumb.imagery.matching.likeness import Layers, look_of
+from starplumb.imagery.matching.rounds import SHAPE
 from starplumb.imagery.matching.sandwich import inverted, long_run
 from starplumb.imagery.matching.template import Template
 from starplumb.imagery.matching.whitening import Whitener
@@ -249,6 +252,34 @@ def test_half_a_window_of_reversed_contrast_moves_nothing(rng):
     error = off(found, place)
     assert np.abs(error).max() < 0.2
     assert np.all(np.abs(error) < 4.0 * np.sqrt(np.diag(found.covariance_px2)))
+
+
+def test_an_error_that_rounds_carry_on_is_the_sum_of_all_of_them(rng):
+    ground = Blobs.draw(rng)
+    told = match(template_of(ground), window_of(ground, (0.3, 0.1)) + rng.normal(0.0, 0.1, (N, N)), CENTRE)
+    pull = np.array([[0.5, 0.2], [0.0, -0.25]])
+    rounds = sum(np.linalg.matrix_power(pull, k) for k in range(60))
+    expected = rounds @ told.covariance_px2 @ rounds.T
+    np.testing.assert_allclose(carried_on(told, pull).covariance_px2, expected, rtol=1e-9)
+    assert carried_on(told, np.diag([0.9, 0.0])) is None
+    assert carried_on(told, np.diag([np.nan, 0.0])) is None
+
+
+@pytest.mark.slow
+def test_where_hills_are_reversed_the_place_follows_where_it_was_held_and_sigmas_are_larger(rng, monkeypatch):
+    larger = []
+    for _ in range(8):
+        ground = Blobs.draw(rng)
+        seen = replace(ground, height=ground.height * np.where(rng.uniform(size=160) < 0.25, -1.0, 1.0))
+        window = window_of(seen, (0.3, -0.2)) + rng.normal(0.0, 0.05, (N, N))
+        sigmas = []
+        for sure in (0.8, -1.0):
+            monkeypatch.setattr("starplumb.imagery.matching.least_squares.SURE", sure)
+            found = match(template_of(ground), window, CENTRE)
+            sigmas.append(np.nan if found is None else np.sqrt(np.trace(found.covariance_px2)))
+        larger.append(sigmas[0] / sigmas[1])
+    # reversed edges push away from where they are
+    assert np.nanmedian(larger) > 1.1
 
 
 def test_the_long_run_covariance_is_the_tapered_sum_over_all_pairs(rng):

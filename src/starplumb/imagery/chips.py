@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from .acquisition import Peak
 from .candidates import structure
-from .matching.least_squares import REACH_PX, Match, match
+from .matching.least_squares import Match, match
 from .matching.orientation import RIM_PX, agreement, orientation
+from .matching.rounds import REACH_PX
 from .matching.template import Template
 from .pictures import Picture
 from .prediction import Piece, pieces

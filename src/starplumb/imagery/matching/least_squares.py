@@ -2,60 +2,45 @@
 
 The window is modelled as ``I(p) = g F(d + (I + B) (p - c)) + o``: F is the template made like the window
 (:mod:`.likeness`), shifted by d and distorted by B (2, 2), which the camera model knows to :data:`SHAPE`; c is the
-window's centre.  Rounds alternate: with the place held, F, the weights and the noise are told from the window; with
-these held, (d, B, g, o) are found by Gauss-Newton steps under Tukey's weights.  Where what is left is not white (cloud,
-another season or band, a coarse reference), contrast and brightness are local (:mod:`.contrast`) and the residuals are
-made white by their own correlation (:mod:`.whitening`), so that each pixel weighs what it deserves.
+window's centre.  Rounds alternate (:mod:`.rounds`): with the place held, F, the weights and the noise are told from the
+window; with these held, (d, B, g, o) are found.
+
+Where much is left that goes with the template's own edges, as another band reversed some of them, what a round finds
+hangs on where it was held: ``d = phi(d_0)``.  Its error is then carried on by rounds without end, ``e + phi' e + ...``,
+and the covariance is that of ``(I - phi')^-1 e``.
 
 Source: A. W. Gruen, Adaptive least squares correlation, South African Journal of Photogrammetry 14 (1985).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .contrast import Contrast
-from .likeness import Layers, Look, look_of
+from .likeness import Layers
+from .rounds import SEEN, Pixels, Round, State, held_at, prior_of, settled
 from .sandwich import inverted, long_run
 from .template import Template
-from .weights import WIDTH, spread, tukey
-from .whitening import Whitener, correlated
 
 Array = NDArray[np.float64]
-Filter = Callable[[Array], Array]
 
-SHAPE = 0.02
-"""Sigma of each element of B: scale, shear and rotation of a chip as the camera model knows them."""
-MOST_SHAPE = 0.15
-"""A chip more distorted than this is not the chip."""
-REACH_PX = 4.0
-"""A chip is not found farther than this from where the search began."""
-STEPS = 25
 ROUNDS = 5
 NEAR_PX = 0.1
 """A round that moves the place by less is the last but one."""
 REST_PX = 2e-4
 """Steps smaller than this are rest; their square is in every covariance."""
-_SMALL = 0.05
-"""So is a step this small beside the formal sigma: it changes nothing that could be seen."""
-_WEIGHT = 0.05
-"""Pixels of less weight are left out."""
-_SHOWN = 0.4
-"""Pixels in whose neighbourhood fewer weights are left show something else, as cloud does."""
-_LEAST_SHOWN = 0.15
-"""Where fewer of a window's pixels would be left, all of them count."""
+BESIDE_PX = 0.2
+"""How far beside the last round others are held, to see how far its place hangs on where it was held."""
+SURE = 0.8
+"""Correlation from which a place hangs on nothing but the window."""
+MOST_PULL = 0.85
+"""Part of a step that the place found may follow: more is no rest."""
 MOST_ASIDE = 0.75
 """A place is not told farther from a window's centre than this part of the way to its border."""
 COHERENT = 1.2
 """By how much sigmas are larger where residuals are not white: they go along edges farther than the sandwich's lags."""
-_EXACT = 5e-3
-"""Spread of what is left, in parts of the window's: less is not the window's doing."""
-_HELD = 1e-3
-"""Weight of g = 1 and o = 0 where neither can be told from local contrast and brightness."""
 
 
 @dataclass(frozen=True)
@@ -82,85 +67,6 @@ class Match:
     weight: Array
 
 
-@dataclass(frozen=True)
-class _State:
-    """The unknowns, and of the last step residuals and weights, curvature by pixel and the normal matrix."""
-
-    d: Array
-    B: Array
-    gain: float
-    offset: float
-    r: Array
-    w: Array
-    curvature: Array
-    scale: float
-    N: Array
-    done: bool
-
-    @classmethod
-    def at(cls, d: Array, B: Array) -> _State:
-        none = np.empty(0)
-        return cls(d, B, 1.0, 0.0, none, none, none, np.nan, none, False)
-
-
-@dataclass(frozen=True)
-class _Chip:
-    """A window and the pixels of it that may be used, with their places from its centre."""
-
-    window: Array
-    use: Array
-    x: Array
-    y: Array
-
-    @classmethod
-    def of(cls, window: Array, use: NDArray[np.bool_] | None) -> _Chip:
-        rows, columns = window.shape
-        y, x = np.mgrid[:rows, :columns].astype(np.float64)
-        good = np.isfinite(window) if use is None else use & np.isfinite(window)
-        filled = np.where(good, window, 0.0)
-        return cls(filled, good.astype(np.float64), x - 0.5 * (columns - 1), y - 0.5 * (rows - 1))
-
-    def showing(self, weight: Array) -> _Chip:
-        """The same without places where few pixels have weight."""
-        from scipy.ndimage import gaussian_filter
-
-        near = gaussian_filter(np.stack([weight, self.use]), (0.0, 2.0, 2.0))
-        use = self.use * (near[0] > _SHOWN * near[1])
-        return replace(self, use=use) if use.sum() > _LEAST_SHOWN * use.size else self
-
-    @property
-    def centre(self) -> Array:
-        rows, columns = self.window.shape
-        return 0.5 * np.array([columns - 1.0, rows - 1.0])
-
-
-@dataclass(frozen=True)
-class _Round:
-    """What is held while the place is sought: the template made like the window, the window's pixels, the ``gain`` of
-    each, the filter of residuals, the pixels ``seen`` whose filtered residuals count, and the Jacobian (n, m, 8)."""
-
-    template: Template
-    chip: _Chip
-    look: Look
-    contrast: Contrast | None
-    filter: Filter
-    seen: Array
-    J: Array
-    level: float
-
-    @property
-    def local(self) -> Array | float:
-        return 1.0 if self.contrast is None else self.contrast.gain
-
-    def model(self, state: _State) -> Array:
-        """The window (n, m) that the unknowns give."""
-        T = self.template.at(*_places(self.chip, state))
-        return np.asarray(state.gain * self.local * T + state.offset)
-
-    def filtered(self, values: Array) -> Array:
-        return self.seen * self.filter(self.chip.use * values)
-
-
 def match(
     template: Template, window: Array, start_px: Array, use: NDArray[np.bool_] | None = None
 ) -> Match | None:
@@ -169,7 +75,7 @@ def match(
     Of the window only pixels in ``use`` (n, m) count, and none that is NaN.  None where the search leaves
     :data:`REACH_PX`, does not come to rest, or the window has no structure to find a place by.
     """
-    chip = _Chip.of(window, use)
+    chip = Pixels.of(window, use)
     d = template.centre - (np.asarray(start_px, dtype=np.float64) - chip.centre)
     try:
         return _match(Layers(template), chip, d)
@@ -177,119 +83,44 @@ def match(
         return None
 
 
-def _match(layers: Layers, chip: _Chip, start: Array) -> Match | None:
-    state, moved = _State.at(start, np.zeros((2, 2))), np.inf
+def _match(layers: Layers, chip: Pixels, start: Array) -> Match | None:
+    state, moved = State.at(start, np.zeros((2, 2))), np.inf
     for k in range(1, ROUNDS + 1):
         last = k == ROUNDS or moved < NEAR_PX
-        held = _round(layers, chip, state)
-        found = _settled(held, state, start, REST_PX if last else 0.5 * NEAR_PX)
-        if found is None or last:
-            return None if found is None else _told(held, found)
-        moved = float(np.hypot(*(found.d - state.d)))
-        state = _State.at(found.d, found.B)
-    return None
-
-
-def _round(layers: Layers, chip: _Chip, state: _State) -> _Round:
-    """What the window tells while the place is held."""
-    place = _places(chip, state)
-    apart = layers.at(*place)
-    look = look_of(apart, chip.window, chip.use)
-    template, T = layers.like(look), look.offset + apart @ look.gains
-    if _exact(look, chip) or not correlated(look.residual, look.weight > _WEIGHT):
-        return _with_slopes(_Round(template, chip, look, None, _as_it_is, chip.use, chip.x, 0.0), state, T)
-    chip = chip.showing(look.weight)
-    contrast = Contrast.of(T, chip.window, chip.use)
-    left = contrast(chip.window - contrast.gain * T)
-    good = tukey(left / (WIDTH * spread(left, chip.use)), chip.use)[0] > _WEIGHT
-    whitener = Whitener.of(left, good)
-    # what is left out stays out: a changed field must not leak into its neighbours
-    seen = whitener.reach(good).astype(np.float64) if whitener.acts else chip.use
-
-    def both(values: Array) -> Array:
-        return whitener(contrast(values))
-
-    return _with_slopes(_Round(template, chip, look, contrast, both, seen, chip.x, 0.0), state, T)
-
-
-def _exact(look: Look, chip: _Chip) -> bool:
-    """Whether no more is left than what comes of interpolating between the template's samples."""
-    level = float(np.median(chip.window[chip.use > 0.0]))
-    return spread(look.residual, chip.use) < _EXACT * spread(chip.window - level, chip.use)
-
-
-def _as_it_is(values: Array) -> Array:
-    return values
-
-
-def _with_slopes(held: _Round, state: _State, T: Array) -> _Round:
-    """With the Jacobian of the window by d, B, g and o, filtered; T (n, m) is the template at its pixels."""
-    chip = held.chip
-    gx, gy = held.template.slopes_at(*_places(chip, state))
-    gx, gy = gx * held.local, gy * held.local
-    level = (
-        0.0 if held.contrast is not None else float(np.sum(chip.use * T) / max(float(chip.use.sum()), 1.0))
-    )
-    columns = (
-        gx,
-        gy,
-        gx * chip.x,
-        gx * chip.y,
-        gy * chip.x,
-        gy * chip.y,
-        held.local * (T - level),
-        np.ones_like(T),
-    )
-    J = held.filter(chip.use[..., None] * np.stack(columns, axis=-1))
-    return replace(held, J=held.seen[..., None] * J, level=level)
-
-
-def _places(chip: _Chip, state: _State) -> tuple[Array, Array]:
-    """Where in the template the pixels lie."""
-    d, B = state.d, state.B
-    x = d[0] + (1.0 + B[0, 0]) * chip.x + B[0, 1] * chip.y
-    return x, d[1] + B[1, 0] * chip.x + (1.0 + B[1, 1]) * chip.y
-
-
-def _settled(held: _Round, state: _State, start: Array, rest_px: float) -> _State | None:
-    """The state at which the steps come to rest; None where they do not, or leave what is possible."""
-    for k in range(STEPS):
-        state = _step(held, state, rest_px, k > 0)
-        if np.hypot(*(state.d - start)) > REACH_PX or np.abs(state.B).max() > MOST_SHAPE:
+        held = held_at(layers, chip, state)
+        found = settled(held, state, start, REST_PX if last else 0.5 * NEAR_PX)
+        if found is None:
             return None
-        if state.done:
-            return state
+        if last:
+            told = _told(held, found)
+            sure = abs(told.agreement) > SURE
+            return told if sure else carried_on(told, _pull(layers, chip, state, found))
+        moved = float(np.hypot(*(found.d - state.d)))
+        state = State.at(found.d, found.B)
     return None
 
 
-def _prior(s2: float) -> Array:
-    """Weights (8,) of no distortion, g = 1 and o = 0."""
-    return s2 * np.array([0.0, 0.0, *[SHAPE**-2] * 4, _HELD, _HELD])
+def _pull(layers: Layers, chip: Pixels, held: State, found: State) -> Array:
+    """How the place found in a round follows the place at which it was ``held``, (2, 2); NaN where it has no rest."""
+    pulled = np.full((2, 2), np.nan)
+    for axis, step in enumerate(BESIDE_PX * np.eye(2)):
+        state = State.at(held.d + step, held.B)
+        beside = settled(held_at(layers, chip, state), state, held.d, 0.1 * NEAR_PX)
+        if beside is not None:
+            pulled[:, axis] = (beside.d - found.d) / BESIDE_PX
+    return pulled
 
 
-def _step(held: _Round, state: _State, rest_px: float, may_rest: bool) -> _State:
-    """One Gauss-Newton step."""
-    r = held.filtered(held.chip.window - held.model(state))
-    w, curvature = tukey(r / (WIDTH * spread(r, held.seen)), held.seen)
-    flat = held.J.reshape(-1, 8)
-    s2 = float(np.sum(w * r**2)) / max(float(w.sum()) - 8.0, 1.0)
-    prior, weighted = _prior(s2), (flat * w.reshape(-1, 1)).mT
-    N = weighted @ flat + np.diag(prior)
-    off = np.array(
-        [0.0, 0.0, *state.B.ravel(), state.gain - 1.0, state.offset + held.level * (state.gain - 1.0)]
-    )
-    inverse = inverted(N)
-    step = inverse @ (weighted @ r.ravel() - prior * off)
-    long = float(np.hypot(step[0], step[1]))
-    sigma = np.sqrt(s2 * max(float(np.trace(inverse[:2, :2])), 0.0))
-    rest = may_rest and long < max(rest_px, _SMALL * sigma)
-    step = step / max(long, 1.0)
-    d, B = state.d + step[:2], state.B + step[2:6].reshape(2, 2)
-    offset = state.offset + step[7] - step[6] * held.level
-    return _State(d, B, state.gain + step[6], offset, r, w, curvature, float(np.sqrt(s2)), N, rest)
+def carried_on(told: Match, pull: Array) -> Match | None:
+    """A match with the error that rounds without end would have, of which each has ``pull`` (2, 2) times that of the
+    one before; None where these would not come to rest."""
+    if not np.all(np.isfinite(pull)) or np.abs(np.linalg.eigvals(pull)).max() > MOST_PULL:
+        return None
+    on = np.linalg.inv(np.eye(2) - pull)
+    return replace(told, covariance_px2=on @ told.covariance_px2 @ on.mT)
 
 
-def _told(held: _Round, state: _State) -> Match:
+def _told(held: Round, state: State) -> Match:
     chip, covariance = held.chip, _covariance(held, state)
     covariance *= 1.0 if held.contrast is None else COHERENT**2
     straight = np.eye(2) + state.B
@@ -308,7 +139,7 @@ def _told(held: _Round, state: _State) -> Match:
         gain=float(state.gain * held.look.gains[0] * np.mean(held.local)),
         blur_px=held.look.blur_px,
         agreement=sign * _agreement(held.filtered(chip.window), state.r, state.w),
-        kept=float(np.sum(state.w > _WEIGHT)) / max(float(chip.use.size), 1.0),
+        kept=float(np.sum(state.w > SEEN)) / max(float(chip.use.size), 1.0),
         residual=chip.use * left,
         weight=state.w,
     )
@@ -332,10 +163,10 @@ def _agreement(z: Array, r: Array, w: Array) -> float:
     return float(np.sqrt(max(1.0 - float(np.sum(w * r * r)) / power, 0.0))) if power > 0.0 else 0.0
 
 
-def _covariance(held: _Round, state: _State) -> Array:
+def _covariance(held: Round, state: State) -> Array:
     """The sandwich (8, 8) of the unknowns; raises LinAlgError where weights leave no curvature."""
     J, s2 = held.J, state.scale**2
-    prior = np.diag(_prior(s2))
+    prior = np.diag(prior_of(s2))
     flat = J.reshape(-1, 8)
     inverse = inverted((flat * state.curvature.reshape(-1, 1)).mT @ flat + prior)
     leverage = state.w * np.sum((J @ inverted(state.N)) * J, axis=-1)
