@@ -16,7 +16,7 @@ from starplumb.ground import geolocation
 from starplumb.ground.geolocation import positions, terrain_below
 from starplumb.ground.terrain import ground_height, ground_heights
 from starplumb.io.campaign.write import write_campaign
-from starplumb.io.gis.geolocation import write_grid
+from starplumb.io.gis.geolocation import bytes_on_disk, write_grid
 from starplumb.physics.earth import itrf_to_geodetic
 from starplumb.physics.errors import InputError
 from starplumb.plan.demo import demo
@@ -269,6 +269,26 @@ def test_gdal_finds_the_pixels_by_the_grid(tmp_path, every):
     np.testing.assert_allclose(
         found, np.arange(10.0, 15.0) + 100.0 * np.arange(10.0, 15.0)[:, None], atol=0.02
     )
+
+
+@pytest.mark.filterwarnings("ignore:Dataset has no geotransform")
+@pytest.mark.parametrize(("height", "flat"), [(120.3, True), (None, False)])
+def test_a_geotiff_is_a_fraction_of_the_array_and_loses_less_than_is_known(tmp_path, rng, height, flat):
+    """A tenth of a millimetre is known of a place: 9e-10 degrees; a height that is stated stays what is stated."""
+    row, column = np.meshgrid(np.arange(400.0), np.arange(500.0), indexing="ij")
+    longitude = 10.0 + 2.7e-5 * column + 3e-6 * row + 1e-10 * column * row
+    latitude = 45.0 - 2.5e-5 * row + 1e-10 * row**2
+    up = np.full(row.shape, height) if flat else 300.0 + np.cumsum(rng.normal(0.0, 3.0, row.shape), axis=1)
+    place = np.stack([np.deg2rad(longitude), np.deg2rad(latitude), up], axis=-1)
+    for name in ("g.tif", "g.npy"):
+        assert write_grid(tmp_path / name, [place[:150], place[150:]], row.shape, 1) == 0
+    with rasterio.open(tmp_path / "g.tif") as file:
+        found = file.read()
+    assert np.max(np.abs(found[:2] - [longitude, latitude])) < 5e-10
+    assert np.max(np.abs(found[2] - up)) <= (0.0 if flat else 5e-5)
+    small, whole = ((tmp_path / name).stat().st_size for name in ("g.tif", "g.npy"))
+    assert small < bytes_on_disk(tmp_path / "g.tif", row.shape, flat) * 1.3
+    assert whole == pytest.approx(bytes_on_disk(tmp_path / "g.npy", row.shape, flat), rel=1e-3)
 
 
 @pytest.mark.slow

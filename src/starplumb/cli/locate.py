@@ -13,7 +13,6 @@ from .options.outside import Choice, OutsideOption
 from .options.places import require_place
 from .output import Json, Output, Quiet, Verbose
 
-BYTES_PER_PIXEL = 3 * 8
 ASKED_ABOVE = 1e9
 """Bytes of a grid that nobody writes by mistake."""
 
@@ -101,7 +100,7 @@ def locate(
     view = view_of(found, result, image, height_m, dem, None if heights is None else heights.value, geoid)
     if grid is not None:
         require_place(grid.parent, [grid.name], [found.loaded.sources, dem, geoid, result])
-        _agreed(speak, grid, grid_shape(view, grid, every, rows), yes)
+        _agreed(speak, grid, grid_shape(view, grid, every, rows), view.surface is None, yes)
         written = write_grid(
             view, grid, every, rows, lambda blocks, total: speak.watched(blocks, "Locating", total)
         )
@@ -116,18 +115,21 @@ def locate(
         speak.detail(*where.details)
 
 
-def _agreed(speak: Output, grid: Path, shape: tuple[int, int], yes: bool) -> None:
-    """Say how large the grid is; above 1 GB ask on a terminal.  Raises InputError where the answer is not yes."""
+def _agreed(speak: Output, grid: Path, shape: tuple[int, int], flat: bool, yes: bool) -> None:
+    """Say how large the file of the grid becomes; above 1 GB ask on a terminal.  Raises InputError where the answer is not yes."""
     import sys
 
+    from ..io.gis.geolocation import bytes_on_disk
     from ..physics.errors import InputError
     from ..report.text import amount_of_bytes
 
-    size = shape[0] * shape[1] * BYTES_PER_PIXEL
-    said = f"{shape[0]} x {shape[1]} pixels, {amount_of_bytes(size)}"
+    size = bytes_on_disk(grid, shape, flat)
+    about = "" if grid.suffix.lower() == ".npy" else "about "
+    said = f"{shape[0]} x {shape[1]} pixels, {about}{amount_of_bytes(size)}"
     if size <= ASKED_ABOVE or yes:
         speak.notices([f"{grid}: {said}"])
     elif not (sys.stdin.isatty() and typer.confirm(f"{grid}: {said}; write it?", err=True)):
         raise InputError(
             f"{grid}: found a grid of {said}, wanted --yes for more than 1 GB, or fewer pixels (--every)"
+            + (", or a .tif, which is compressed" if not about else "")
         )
