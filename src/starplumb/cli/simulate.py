@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from .channels import complain
-from .options.common import MethodsOption, ScenarioArgument
+from .options.common import ScenarioArgument
+from .options.complete import methods as names
 from .options.places import require_place
 from .output import Json, Output, Quiet, Verbose
 
@@ -43,7 +44,16 @@ def simulate(
         Path | None,
         typer.Option("--out", "-o", metavar="DIR", help="Folder of the results; also resumes there."),
     ] = None,
-    methods: MethodsOption = "gls,wahba",
+    methods: Annotated[
+        str | None,
+        typer.Option(
+            "--methods",
+            "-m",
+            metavar="NAME,...",
+            help="Estimators, with commas between them [default: gls,wahba; of several cameras gls].",
+            autocompletion=names,
+        ),
+    ] = None,
     workers: Annotated[
         int | None,
         typer.Option(

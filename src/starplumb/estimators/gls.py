@@ -225,7 +225,9 @@ def step_length(solution: Adjustment, k: int) -> Array:
     return np.asarray(np.sqrt((x.mT @ marginal(solution.information, k) @ x)[..., 0, 0]))
 
 
-def covariance_at(observations: Observations, C_EK: Array) -> Array:
-    """Covariance (..., 3, 3) rad^2 about E of the alignment by generalised least squares that has arrived at C_EK."""
-    state = State(C_EK, np.zeros((*C_EK.shape[:-2], 0)))
-    return Fit(Unknowns(), observations, state, C_EK).solve().covariance[..., :3, :3]
+def covariance_at(observations: Observations, C_EK: Array, unknowns: Unknowns | None = None) -> Array:
+    """Covariance (..., 3, 3) rad^2 about E of the alignment by generalised least squares that has arrived at C_EK, by
+    default without further unknowns."""
+    unknowns = Unknowns() if unknowns is None else unknowns
+    state = State(C_EK, np.zeros((*C_EK.shape[:-2], len(unknowns.names))))
+    return Fit(unknowns, observations, state, C_EK).solve().covariance[..., :3, :3]

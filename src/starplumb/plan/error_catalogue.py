@@ -61,6 +61,12 @@ class Flight:
         return self.truth.n_images
 
     @property
+    def camera(self) -> Index:
+        """The camera of each sighting (n,)."""
+        of = self.truth.camera
+        return np.zeros(self.truth.n, dtype=np.int64) if of is None else of
+
+    @property
     def flown(self) -> Campaign:
         """The campaign; ValueError where there is only a table."""
         if self.campaign is None:
@@ -262,6 +268,8 @@ def look_angles(flight: Flight, name: str, sigma: float, shape: Distribution = _
     Raises InputError for another camera.
     """
     camera = flight.flown.camera
+    if flight.truth.camera is not None:
+        raise InputError(f"truth.{name}: found look-angles for several cameras, wanted focal-length")
     if not isinstance(camera, LineScanCamera):
         raise InputError(f"truth.{name}: found look-angles for a frame camera, wanted focal-length")
     terms = GROUPS["look_angles"]
@@ -319,20 +327,29 @@ def time_tag(
 def focal_length(flight: Flight, name: str, sigma: float, shape: Distribution = _GAUSSIAN) -> Source:
     """Relative error of the focal length: every look direction leaves the boresight by the same part of its tangent."""
     words = "focal length, shared by the campaign"
-    zero, group = np.zeros(1, dtype=np.int64), np.zeros(flight.truth.n, dtype=np.int64)
+    zero = np.zeros(1, dtype=np.int64)
     pattern = -flight.truth.xy_K[..., None]
-    return Source(name, words, "tangent", pattern, group, zero, np.array([sigma]), ("",), UNIT_PPM, shape)
+    return Source(
+        name, words, "tangent", pattern, flight.camera, zero, np.array([sigma]), ("",), UNIT_PPM, shape
+    )
 
 
 def principal_point(
-    flight: Flight, name: str, sigma: float, scale: float, shape: Distribution = _GAUSSIAN
+    flight: Flight, name: str, sigma: float, scale: float | Array, shape: Distribution = _GAUSSIAN
 ) -> Source:
-    """Error of the principal point, px, where a pixel is ``scale`` rad wide."""
+    """Error of the principal point, px, where a pixel is ``scale`` rad wide, of each sighting (n,) or of all."""
     words = "principal point, shared by the campaign"
-    n = flight.truth.n
-    group, component = np.zeros(n, dtype=np.int64), np.array([0, 1])
-    pattern = np.broadcast_to(-scale * np.eye(2), (n, 2, 2))
-    labels = ("column", "row")
+    pattern = -np.broadcast_to(scale, flight.truth.n)[:, None, None] * np.eye(2)
+    labels, component = ("column", "row"), np.array([0, 1])
     return Source(
-        name, words, "tangent", pattern, group, component, np.array([sigma, sigma]), labels, UNIT_PIXEL, shape
+        name,
+        words,
+        "tangent",
+        pattern,
+        flight.camera,
+        component,
+        np.array([sigma, sigma]),
+        labels,
+        UNIT_PIXEL,
+        shape,
     )

@@ -11,8 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..estimators.fit import Unknowns
 from ..physics import so3
 from ..physics.earth import C_JT, itrf_to_geodetic
+from ..table.cameras.mounting import CameraMounting
+from ..table.cameras.views import of_camera
 from ..table.campaign import Campaign
 from ..table.equation import Linearised, linearise
 from ..table.error_sources import Distribution, Source, state
@@ -80,6 +83,18 @@ class Scenario:
         """The measurement equation at the truth."""
         return linearise(self.truth, self.C_EK_true)
 
+    @cached_property
+    def C_EC_true(self) -> Array:
+        """The mountings of all cameras (k, 3, 3), the first being ``C_EK_true``."""
+        rig = self.campaign.rig
+        return self.C_EK_true[None] if rig is None else self.C_EK_true @ rig.C_KC
+
+    @cached_property
+    def unknowns(self) -> Unknowns:
+        """The alignment, and of several cameras the mountings of the further ones."""
+        names = () if self.campaign.rig is None else self.campaign.rig.names[1:]
+        return Unknowns(tuple(CameraMounting(k, name) for k, name in enumerate(names, start=1)))
+
     @property
     def prior_E(self) -> Array | None:
         return np.diag(self.initial.sigma**2) if self.initial.stated else None
@@ -120,10 +135,11 @@ class Scenario:
         """Displacement east and north (m) on the ellipsoid of the centre of each image by theta_E, (m, 2, 3) m/rad.
 
         By central differences over 2e-6 rad, exact to 1e-5 of itself; the centre is the mean of the image's markers.
+        Of several cameras the images are those of the first.
         """
-        o, campaign = self.truth, self.campaign
-        images = np.unique(o.image)
+        campaign = of_camera(self.campaign, 0)
         s = campaign.sightings
+        images = np.unique(s.image)
         counts = np.bincount(s.image)[images]
         column, row = (np.bincount(s.image, px)[images] / counts for px in (s.column_px, s.row_px))
 

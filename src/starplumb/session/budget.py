@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from ..physics.units import ARCSEC
 from ..report.page import Table
 from ..study.budget_document import SCHEMA, document
+from ..study.cameras import asked_of
 from .arguments import Folder, Positive, checked
 from .calibration import estimators_of, method_of
 from .frames import Frame
@@ -90,7 +91,7 @@ def budget(
     With ``target_arcsec``, the wanted sigma about each axis, also what each source must shrink to.
     """
     target = None if target_arcsec is None else target_arcsec * ARCSEC
-    return Budget(document(scenario.data, estimators_of(methods), target))
+    return Budget(document(scenario.data, asked_of(scenario.data, estimators_of(methods)), target))
 
 
 def _label(share: dict[str, Any]) -> tuple[str, str, float, str]:

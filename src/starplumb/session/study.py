@@ -13,6 +13,7 @@ from ..io.results.samples import SAMPLES, Format, sample_files
 from ..io.results.samples import choose as choose_samples
 from ..physics.errors import ArgumentError
 from ..report.page import Table
+from ..study.cameras import asked_of
 from ..study.monte_carlo import CHUNK
 from ..study.monte_carlo import Study as Plan
 from ..study.run import choose, run
@@ -139,7 +140,7 @@ def simulate(
     scenario: Scenario,
     trials: Trials | None = None,
     seed: Seed = 1,
-    methods: Sequence[str] | str = ("gls", "wahba"),
+    methods: Sequence[str] | str | None = None,
     *,
     precision: Precision | None = None,
     workers: Count | None = 1,
@@ -151,18 +152,21 @@ def simulate(
 ) -> Study:
     """Say what accuracy a scenario gives, by trying it many times.
 
-    The answer depends on scenario, ``seed``, ``trials`` and ``chunk`` alone, not on ``workers`` (None: one for each
-    processor) or a Dask ``scheduler``.  With ``precision`` the trials are chosen so that each sigma is known to this
-    part of itself.  With ``out`` finished chunks are kept there, an interrupted study goes on where it stopped, and the
-    results are written, with every trial as a table where ``samples`` names a format.  ``watched``
-    makes, of the study, a context in which it runs, whose value hears the number of trials of each chunk.
+    ``methods`` are by default gls and wahba, of several cameras gls.  The answer depends on scenario, ``seed``,
+    ``trials`` and ``chunk`` alone, not on ``workers`` (None: one for each processor) or a Dask ``scheduler``.  With
+    ``precision`` the trials are chosen so that each sigma is known to this part of itself.  With ``out`` finished
+    chunks are kept there, an interrupted study goes on where it stopped, and the results are written, with every trial
+    as a table where ``samples`` names a format.  ``watched`` makes, of the study, a context in which it runs, whose
+    value hears the number of trials of each chunk.
     """
     format: Format = choose_samples(samples) if out is not None or samples != "auto" else "none"
     if out is None and format != "none":
         raise ArgumentError("samples", f"found {samples!r} without out, wanted a folder to write them to")
+    if methods is None:
+        methods = ("gls", "wahba") if scenario.data.campaign.rig is None else "gls"
     study = Plan(
         scenario.data,
-        dict(estimators_of(methods)),
+        dict(asked_of(scenario.data, estimators_of(methods))),
         seed,
         _number_of_trials(trials, precision),
         chunk,

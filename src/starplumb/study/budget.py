@@ -26,6 +26,7 @@ from ..plan.bound import Linear, effects
 from ..plan.scenario import Scenario
 from ..table.error_sources import Source, combine
 from ..table.simulate import measure
+from .cameras import OfCamera
 from .monte_carlo import SIGHTINGS_AT_ONCE
 
 Array = NDArray[np.float64]
@@ -83,8 +84,9 @@ def budget(scenario: Scenario, estimator: Estimator) -> Budget:
     """
     sources = [source for source in scenario.sources if not source.is_blunder]
     at_the_truth = estimator(scenario.stated, scenario.C_EK_true)
-    if at_the_truth.unknowns == Unknowns():
+    if at_the_truth.unknowns == Unknowns() or isinstance(estimator, OfCamera):
         gain = Linear(scenario, scenario.stated_sources).gain
+        gain = estimator.of(gain) if isinstance(estimator, OfCamera) else gain
         responses = [effect.through(gain) for effect in effects(scenario, sources)]
     else:
         responses = [response(scenario, estimator, source) for source in sources]
@@ -153,7 +155,7 @@ def requirements(scenario: Scenario, target: float) -> tuple[Requirement, ...]:
 def _requirement(scenario: Scenario, sources: tuple[Source, ...], i: int, target: float) -> Requirement:
     def sigma(factor: float) -> Array:
         stated = scenario.with_stated((*sources[:i], sources[i].scaled(factor), *sources[i + 1 :]))
-        covariance = covariance_at(stated, scenario.C_EK_true)
+        covariance = covariance_at(stated, scenario.C_EK_true, scenario.unknowns)
         return np.asarray(np.sqrt(np.diagonal(covariance)))
 
     now, least = sigma(1.0), sigma(SMALLEST_FACTOR)

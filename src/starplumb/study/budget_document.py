@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..estimators.fit import Fit, State, Unknowns
+from ..estimators.fit import Fit, State
 from ..estimators.protocol import Estimator
 from ..judge.motion.found import moves, would_be_found
 from ..physics.units import ARCSEC, DEG
@@ -48,8 +48,8 @@ def document(scenario: Scenario, methods: Mapping[str, Estimator], target: float
 
 def _motion(scenario: Scenario) -> dict[str, Any] | None:
     """The amplitudes of a moving mounting that tests of the images find with 90 % probability; null for too few."""
-    C_EK = scenario.C_EK_true
-    fit = Fit(Unknowns(), scenario.stated, State(C_EK, np.zeros(0)), C_EK)
+    C_EK, unknowns = scenario.C_EK_true, scenario.unknowns
+    fit = Fit(unknowns, scenario.stated, State(C_EK, np.zeros(len(unknowns.names))), C_EK)
     found = moves(scenario.campaign, fit)
     if found is None or found.detectable is None:
         return None

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ..estimators.protocol import Status
 from ..physics.units import ARCSEC
 from ..plan.bound import bound_E
+from .cameras import OfCamera
 from .monte_carlo import Study, Tally, on_ground
 from .statistics import Z95, chi2_band, quantile, trials_for
 from .store import Store
@@ -81,10 +82,12 @@ def found_of(store: Store) -> dict[str, Found]:
 
 def summarise(store: Store) -> dict[str, Any]:
     """The document of a finished study; the same for the same scenario, seed, trials and chunk size."""
-    study, bound = store.study, bound_E(store.study.scenario)
+    study, bounds = store.study, bound_E(store.study.scenario)
     scenario = study.scenario
     methods = {}
     for name, found in found_of(store).items():
+        asked = study.methods[name]
+        bound = asked.of(asked.of(bounds).T) if isinstance(asked, OfCamera) else bounds
         methods[name] = _method(study, found, bound) | {"convergence": found.progress.document()}
     document: dict[str, Any] = _finite(
         {
@@ -106,7 +109,7 @@ def summarise(store: Store) -> dict[str, Any]:
                 }
                 for s in scenario.sources
             ],
-            "cramer_rao_arcsec": _arcsec(np.sqrt(np.diagonal(bound))),
+            "cramer_rao_arcsec": _arcsec(np.sqrt(np.diagonal(bounds)[:3])),
             "methods": methods,
         }
     )
@@ -218,5 +221,6 @@ def _ratio(found: Tally, k: int) -> dict[str, Any] | None:
 
 def _fit(study: Study, found: Tally) -> dict[str, Any] | None:
     o = study.scenario.truth
-    per_trial = 2 * o.n - (0 if study.scenario.prior_E is not None else 3)
+    per_trial = 2 * o.n - 3 * len(study.scenario.C_EC_true)
+    per_trial += 3 * (study.scenario.prior_E is not None)
     return _consistency(found.fit.mean[0], found.fit.mean_error[0], float(found.fit.n) * per_trial)

@@ -31,7 +31,7 @@ from .attitude_config import (
     attitude_rules,
     sharing_rules,
 )
-from .cameras.config import CameraConfig, NamedCamera, camera_rules
+from .cameras.config import CameraConfig, NamedCamera, camera_rules, several_rules
 from .fixed_frames import CAMERA, FixedFrame, Frames, frame_rules
 from .spice_config import SpiceConfig
 from .table_config import DetectionsConfig, ImagesConfig, LandmarksConfig, ObservationsConfig
@@ -250,6 +250,7 @@ class CampaignConfig(Section):
         yield from camera_rules(
             given, {key: cls.model_fields[key].description for key in ("camera", "mounting")}
         )
+        yield from several_rules(given)
         yield from frame_rules(given)
         yield from attitude_rules(given)
         cameras = given.get("cameras")

@@ -26,7 +26,6 @@ from ...table.campaign import Campaign
 from ...table.equation import linearise
 from ...table.error_sources import Source
 from ...table.geometry import observe
-from ..campaign.attitude import model_mounting
 from .config import ScenarioConfig
 from .error_config import SHARED_BY, ErrorConfig
 from .errors import error_sources
@@ -36,6 +35,7 @@ from .parts import (
     corrections,
     file_orbit,
     kepler,
+    mounted,
     offsets,
     square_period,
     unit_layout,
@@ -76,10 +76,13 @@ def stage(config: ScenarioConfig, folder: Path) -> Stage:
     """Of a scenario; of one with passes, the orbit of the first is kept and flown on.  Raises InputError where the
     orbit cannot see its site."""
     orientation = EarthOrientation.load()
-    camera = camera_of(config, folder)
+    if len(config.optics) > 1:
+        raise InputError("cameras: found several, wanted one: a plan chooses the images of one camera")
+    section, _ = next(iter(config.optics.values()))
+    camera = camera_of(section, folder)
     epoch_ns = int(parse([config.scenario.epoch], config.scenario.time_scale)[0])
     orbit, epoch_ns = _kept_orbit(config, folder, orientation, epoch_ns)
-    C_EK = np.eye(3) if config.mounting is None else model_mounting(config.mounting)
+    C_EK = mounted(config)[0]
     period = config.images.line_period_s or square_period(camera, orbit)
     return Stage(config, folder, camera, C_EK, orbit, orientation, epoch_ns, period)
 

@@ -10,14 +10,15 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field
 
-from ..campaign.attitude_config import Mounting, ends
-from ..campaign.cameras.config import CameraConfig
+from ..campaign.attitude_config import Mounting
+from ..campaign.cameras.config import CameraConfig, NamedCamera
 from ..campaign.config import CorrectionsConfig
 from ..campaign.fixed_frames import CAMERA
 from ..text.files import show
 from ..text.sections import Section, wrong
 from ..text.values import Frame, Positive, Text, choice, number, vector
 from .error_config import ErrorConfig, InitialConfig, NotNegative, StatedConfig, TrackerConfig, fitting
+from .optics_rules import optics_rules
 from .plan_config import Numbers, PlanConfig
 
 
@@ -237,7 +238,10 @@ class ScenarioConfig(Section):
     scenario: General = Field(description="the section [scenario] with name and epoch")
     orbit: OrbitConfig = Field(description="the section [orbit] with model")
     site: SiteConfig | None = Field(default=None, description="the section [site]")
-    camera: CameraConfig = Field(description="the section [camera]")
+    camera: CameraConfig | None = Field(default=None, description="the section [camera]")
+    cameras: list[NamedCamera] = Field(
+        default_factory=list, description="sections [[cameras]], several in place of [camera]"
+    )
     mounting: Mounting | None = Field(default=None, description="the section [mounting], the true one")
     trackers: list[TrackerConfig] = Field(default_factory=list, description="sections [[trackers]]")
     passes: list[PassConfig] = Field(default_factory=list, description="sections [[passes]]")
@@ -255,24 +259,21 @@ class ScenarioConfig(Section):
 
     @classmethod
     def rules(cls, given: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-        yield from _mounting_rules(given)
+        yield from optics_rules(given, cls.model_fields["camera"].description)
         yield from _flight_rules(given)
         yield from _error_rules(given)
+
+    @property
+    def optics(self) -> dict[str, tuple[CameraConfig, Mounting | None]]:
+        """The camera, or several by their names, each with its true mounting."""
+        if self.camera is not None:
+            return {CAMERA: (self.camera, self.mounting)}
+        return {each.name: (each, each.mounting) for each in self.cameras}
 
 
 def _section(given: Mapping[str, Any], key: str) -> Mapping[str, Any]:
     value = given.get(key)
     return value if isinstance(value, dict) else {}
-
-
-def _mounting_rules(given: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    sides = ends(given.get("mounting"))
-    if sides and sides.count(CAMERA) != 1:
-        found = f"found {show(sides[0])} to {show(sides[1])}"
-        yield (
-            "mounting.from",
-            f"{found}, wanted {show(CAMERA)} on one side, and the tracker's frame on the other",
-        )
 
 
 def _flight_rules(given: Mapping[str, Any]) -> Iterator[tuple[str, str]]:

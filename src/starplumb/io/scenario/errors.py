@@ -93,5 +93,10 @@ def _source(flight: Flight, name: str, error: ErrorConfig, tracker_axes: dict[st
             return errors.principal_point(flight, name, px, _radians_per_pixel(flight), shape)
 
 
-def _radians_per_pixel(flight: Flight) -> float:
-    return float(np.median(np.linalg.norm(flight.truth.slope_K[..., 0], axis=-1)))
+def _radians_per_pixel(flight: Flight) -> Array:
+    """Of the camera of each sighting (n,)."""
+    width = np.linalg.norm(flight.truth.slope_K[..., 0], axis=-1)
+    found = np.zeros(width.size)
+    for camera in np.unique(flight.camera):
+        found[flight.camera == camera] = np.median(width[flight.camera == camera])
+    return found

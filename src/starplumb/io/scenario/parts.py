@@ -18,7 +18,9 @@ from ...physics.orientation import EarthOrientation
 from ...physics.units import DEG
 from ...plan import marker_layout as layout
 from ...plan import passes, scene
+from ..campaign.attitude import model_mounting
 from ..campaign.camera import read_camera
+from ..campaign.cameras.config import CameraConfig
 from ..campaign.config import EphemerisConfig
 from .config import MarkersConfig, OrbitConfig, ScenarioConfig
 
@@ -32,10 +34,10 @@ UNSTATED = scene.Sigmas(np.zeros(3), np.zeros(3), np.zeros(3), 1.0)
 """A true scene states no error; its sources do."""
 
 
-def camera_of(config: ScenarioConfig, folder: Path) -> Camera:
-    table = config.camera.look_angles
-    camera = read_camera(config.camera, None if table is None else folder / table, [])
-    size = config.camera.image_size_px
+def camera_of(config: CameraConfig, folder: Path) -> Camera:
+    table = config.look_angles
+    camera = read_camera(config, None if table is None else folder / table, [])
+    size = config.image_size_px
     if isinstance(camera, LineScanCamera):
         if size is None:
             raise InputError(
@@ -43,6 +45,12 @@ def camera_of(config: ScenarioConfig, folder: Path) -> Camera:
             )
         return replace(camera, size_px=(camera.size_px[0], float(size[1])))
     return camera
+
+
+def mounted(config: ScenarioConfig) -> Array:
+    """The true mountings (k, 3, 3) of the cameras."""
+    each = ((name, mounting) for name, (_, mounting) in config.optics.items())
+    return np.stack([np.eye(3) if m is None else model_mounting(m, camera=name) for name, m in each])
 
 
 def kepler(orbit: OrbitConfig) -> KeplerOrbit:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.resources import files as package_files
 from pathlib import Path
 from typing import Any
@@ -20,12 +20,12 @@ from ...physics.timescales import parse
 from ...physics.units import ARCSEC, DEG
 from ...plan import passes, scene
 from ...plan.error_catalogue import Flight
+from ...plan.rigs import together
 from ...plan.scenario import Initial, Scenario
 from ...table import sharing
 from ...table.campaign import Campaign
 from ...table.error_sources import Distribution
 from ...table.geometry import observe
-from ..campaign.attitude import model_mounting
 from ..text.files import nearest
 from ..text.toml import check, plain, read_toml
 from .config import ScenarioConfig
@@ -37,6 +37,7 @@ from .parts import (
     file_orbit,
     kepler,
     laid_out,
+    mounted,
     offsets,
     require_few,
     square_period,
@@ -100,7 +101,8 @@ class Read:
         try:
             yield
         except InputError as error:
-            named = (config.orbit.file, config.camera.look_angles, config.markers.file)
+            tables = (section.look_angles for section, _ in config.optics.values())
+            named = (config.orbit.file, *tables, config.markers.file)
             says_file = str(error).startswith(tuple(str(folder / file) for file in named if file is not None))
             raise error if says_file else InputError(f"{self.name}: {error}") from None
 
@@ -119,11 +121,11 @@ def read_scenario(source: Mapping[str, Any] | Path | str, folder: Path | None = 
 def build(config: ScenarioConfig, folder: Path) -> Scenario:
     """The scenario of a checked document; the files it names stand relative to ``folder``."""
     rng = np.random.default_rng(config.scenario.scene_seed)
-    C_EK = np.eye(3) if config.mounting is None else model_mounting(config.mounting)
-    camera = camera_of(config, folder)
-    unmarked, pass_of_image = _fly(config, folder, camera, C_EK, rng)
+    cameras = [camera_of(section, folder) for section, _ in config.optics.values()]
+    unmarked, pass_of_image = _fly(config, folder, cameras[0], mounted(config)[0], rng)
+    pass_of_image = np.tile(pass_of_image, len(cameras))
     session_of_image = _sessions(config)[pass_of_image]
-    campaign = _mark(config, folder, unmarked, rng)
+    campaign = _mark(config, folder, unmarked, cameras, rng)
     if campaign.sightings.image.size < 2:
         raise InputError(
             f"markers: found {campaign.sightings.image.size} in the images, wanted two sightings or more "
@@ -225,24 +227,59 @@ def _plan_pass(
     return orbit, epoch_ns, scene.Pass(time, np.array(aim), yaw)
 
 
-def _mark(config: ScenarioConfig, folder: Path, campaign: Campaign, rng: np.random.Generator) -> Campaign:
-    """The campaign with its markers sighted."""
+def _mark(
+    config: ScenarioConfig,
+    folder: Path,
+    unmarked: Campaign,
+    cameras: Sequence[Camera],
+    rng: np.random.Generator,
+) -> Campaign:
+    """The campaign with its markers sighted, of several cameras by all of them at its times."""
+    site = _on_site(config, folder, len(unmarked.images.ids) * len(cameras), rng)
+    if len(cameras) == 1:
+        return _sighted(config, unmarked, site, rng)
+    C_EC, parts = mounted(config), []
+    for k, (camera, C) in enumerate(zip(cameras, C_EC, strict=True)):
+        if camera.scans and camera.size_px[1] != cameras[0].size_px[1]:
+            raise InputError(
+                f"cameras.{k}.image_size_px: found {camera.size_px[1]:g} rows, wanted {cameras[0].size_px[1]:g} as of "
+                "the first: line scanners of a scenario expose the same rows"
+            )
+        parts.append(_sighted(config, replace(unmarked, camera=camera, C_EK=C), site, rng))
+        if parts[-1].sightings.image.size < 2:
+            raise InputError(
+                f"cameras.{k}: found {parts[-1].sightings.image.size} markers in its images, wanted two sightings or "
+                'more (a camera that looks elsewhere wants markers.on = "image")'
+            )
+    return together(parts, list(config.optics), C_EC[0].mT @ C_EC, one_site=site is not None)
+
+
+def _on_site(config: ScenarioConfig, folder: Path, images: int, rng: np.random.Generator) -> Array | None:
+    """Markers (L, 3) that all images may see; None where each image has its own."""
     markers = config.markers
-    m = len(campaign.images.ids)
     if markers.layout == "file":
         from ..campaign.marks.landmarks import read_landmarks
 
         surveyed = read_landmarks(folder / str(markers.file), []).r_J
-        require_few(len(surveyed), m)
-        return scene.mark_site(campaign, surveyed, UNSTATED)
-    require_few(laid_out(markers), m)
-    if markers.on == "site":
-        site = config.site
-        assert site is not None  # the document's rules saw to it
-        offset = 1e3 * offsets(markers, rng)
-        height = rng.uniform(*markers.height_m, len(offset))
-        place = (DEG * site.latitude_deg, DEG * site.longitude_deg)
-        return scene.mark_site(campaign, scene.site_grid(*place, height, offset), UNSTATED)
+        require_few(len(surveyed), images)
+        return surveyed
+    require_few(laid_out(markers), images)
+    if markers.on == "image":
+        return None
+    site = config.site
+    assert site is not None  # the document's rules saw to it
+    offset = 1e3 * offsets(markers, rng)
+    height = rng.uniform(*markers.height_m, len(offset))
+    return scene.site_grid(DEG * site.latitude_deg, DEG * site.longitude_deg, height, offset)
+
+
+def _sighted(
+    config: ScenarioConfig, campaign: Campaign, site: Array | None, rng: np.random.Generator
+) -> Campaign:
+    """The campaign of one camera with the markers of a site, or else its images' own."""
+    if site is not None:
+        return scene.mark_site(campaign, site, UNSTATED)
+    markers, m = config.markers, len(campaign.images.ids)
     columns, rows = campaign.camera.size_px
     middle = 0.5 * np.array([columns - 1.0, rows - 1.0])
     pixel = np.concatenate(

@@ -149,8 +149,6 @@ def camera_rules(given: Mapping[str, Any], wanted: Mapping[str, str | None]) -> 
     yield from _alike(tables)
     yield from _mountings(given, tables)
     yield from _frames_of_spice(given, tables)
-    if len(tables) > 1:
-        yield from _several(given)
 
 
 def _alike(cameras: list[dict[str, Any]]) -> Iterator[tuple[str, str]]:
@@ -221,8 +219,11 @@ def own_ends(both: tuple[str, str], name: str) -> tuple[str, str]:
     return source, target
 
 
-def _several(given: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    """What works with one camera only."""
+def several_rules(given: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """What of a campaign works with one camera only."""
+    cameras = given.get("cameras")
+    if not isinstance(cameras, list) or len(cameras) < 2:
+        return
     one = "wanted a campaign of one camera for that"
     for key in ("detections", "imagery"):
         if key in given:
