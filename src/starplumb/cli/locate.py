@@ -116,7 +116,7 @@ def locate(
 
 
 def _agreed(speak: Output, grid: Path, shape: tuple[int, int], flat: bool, yes: bool) -> None:
-    """Say how large the file of the grid becomes; above 1 GB ask on a terminal.  Raises InputError where the answer is not yes."""
+    """Say how large the file becomes; above 1 GB ask on a terminal.  Raises InputError where the answer is not yes."""
     import sys
 
     from ..io.gis.geolocation import bytes_on_disk
