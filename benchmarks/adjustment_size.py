@@ -1,6 +1,6 @@
 """Size: one adjustment of the alignment, 8 numbers of interior orientation and 6 errors per image, to convergence.
 
-    python benchmarks/adjustment_size.py 10000 100000 1000000 --compiled --scipy 100000 --ceres PROGRAM
+    python benchmarks/adjustment_size.py 10000 100000 1000000 --scipy 100000 --ceres PROGRAM
 
 CPU seconds of one process (set OPENBLAS_NUM_THREADS=1), the best of ``--rounds``; images of 100 markers; the memory
 taken above the table itself.  "All 11" is the distance of all common unknowns together, by their covariance.
@@ -97,17 +97,12 @@ def compare(n: int, arguments: argparse.Namespace) -> None:
     """Rows of one size."""
     model = so3.exp(np.array([0.01, -0.005, 0.008])) @ C_EK_TRUE
     o = table(n, np.random.default_rng(1))
-    own = {"starplumb": CALIBRATION}
-    if arguments.compiled:
-        own["starplumb, compiled"] = replace(CALIBRATION, compiled=True)
     others = peers(arguments, n)
     problem = Problem.of(o, model, OPTICAL) if others else None
-    first, *_ = [calibration(o, model) for calibration in own.values()]  # the compiled one compiles
-    memory = {name: memory_mb(o, model, calibration) for name, calibration in own.items()}
-    runs: dict[str, list[Found]] = {name: [] for name in (*own, *others)}
+    first, memory = CALIBRATION(o, model), memory_mb(o, model, CALIBRATION)
+    runs: dict[str, list[Found]] = {name: [] for name in ("starplumb", *others)}
     for _ in range(arguments.rounds):  # interleaved: who else uses the machine disturbs all alike
-        for name, calibration in own.items():
-            runs[name].append(replace(ours(o, model, calibration), memory_mb=memory[name]))
+        runs["starplumb"].append(replace(ours(o, model, CALIBRATION), memory_mb=memory))
         for name, solve in others.items():
             runs[name].append(solve(problem))
     unit = min(run.seconds for run in runs["starplumb"])
@@ -131,9 +126,6 @@ def main() -> None:
     )
     parser.add_argument("sizes", type=int, nargs="*", default=[10_000, 100_000, 1_000_000])
     parser.add_argument("--rounds", type=int, default=1, help="of which the best counts")
-    parser.add_argument(
-        "--compiled", action="store_true", help="compiled by numba as well, start not counted"
-    )
     parser.add_argument("--scipy", type=int, default=0, help="largest size given to SciPy")
     parser.add_argument(
         "--scipy-columns",

@@ -77,7 +77,7 @@ def main() -> None:
         for number, (name, parameters) in enumerate(SETS.items()):
             if arguments.only not in name:
                 continue
-            calibration = Gls(parameters, compiled=True)
+            calibration = Gls(parameters)
             runs = [
                 normalised(calibration, n, arguments.sigma_px, lens, np.random.default_rng([n, number, run]))
                 for run in range(arguments.campaigns)

@@ -3,8 +3,7 @@
     python benchmarks/montecarlo.py --rounds 5
 
 1. Estimates per second: batches of NumPy against SciPy's align_vectors and least_squares on the same measurements.
-2. The whole of a study of the published two-image scenario: draws, simulation, 20 cycles of the observer, statistics;
-   on NumPy, and compiled where numba is installed.
+2. The whole of a study of the published two-image scenario: draws, simulation, 20 cycles of the observer, statistics.
 """
 
 from __future__ import annotations
@@ -13,7 +12,6 @@ import argparse
 import statistics
 import time
 from collections.abc import Callable
-from importlib.util import find_spec
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -90,13 +88,9 @@ def main() -> None:
     work["draws, simulation"] = lambda: len(
         Study(scenario, {}, 1, CHUNK).measured(np.random.default_rng(1), CHUNK)[1]
     )
-    observers = {"NumPy": Observer()} | ({"numba": Observer(compiled=True)} if find_spec("numba") else {})
-    for name, observer in observers.items():
-        work[f"study, observer 20 cycles, {name}"] = campaign(
-            Study(scenario, {"observer": observer}, 1, CHUNK)
-        )
+    work["study, observer 20 cycles"] = campaign(Study(scenario, {"observer": Observer()}, 1, CHUNK))
     for run in work.values():
-        run()  # compiled, cached, warm
+        run()  # cached, warm
     spent: dict[str, list[float]] = {name: [] for name in work}
     for _ in range(rounds):
         for name, run in work.items():

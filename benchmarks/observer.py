@@ -1,13 +1,21 @@
 """The fuzzy observer's Monte Carlo: draws, scene, 20 cycles and statistics of 45 000 runs of 2 images x 2 markers.
 
-``python benchmarks/observer.py`` times it run by run on 3 x 3 matrices, on NumPy rows and compiled by numba, both
-from one source, in interleaved rounds; CPU seconds of the whole process, median of the rounds; Markdown on stdout.
+``python benchmarks/observer.py`` times it run by run on 3 x 3 matrices and on NumPy rows, in interleaved rounds; CPU
+seconds of the whole process, median of the rounds; Markdown on stdout.
+
+``python benchmarks/observer.py --single 1000 10000 50000`` times ONE run over so many sightings instead (20 cycles), as
+``compare`` has it: by Python's own numbers, compiled for the first time (with the import of numba), and loaded as an
+earlier process has left it; each in a process of its own on a copy of the package, so that the first is the first.
 """
 
 from __future__ import annotations
 
 import argparse
+import os
+import shutil
+import subprocess
 import sys
+import tempfile
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -74,27 +82,57 @@ def ways(
 ) -> dict[str, tuple[int, Callable[[], Statistics]]]:
     """What is timed: name, runs, and a call."""
 
-    def rows(factorised: bool, compiled: bool) -> tuple[int, Callable[[], Statistics]]:
-        chosen = replace(options, factorised=factorised, compiled=compiled)
+    def rows(factorised: bool) -> tuple[int, Callable[[], Statistics]]:
+        chosen = replace(options, factorised=factorised)
         return runs, lambda: in_rows(scene, chosen, runs)
 
-    timed = {
+    return {
         "run by run, 3 x 3 matrices": (loop_runs, lambda: run_by_run(scene, options, loop_runs)),
         "simulator, then observer, NumPy": (runs, lambda: simulated(scene, options, runs)),
-        "NumPy rows, U D U^T": rows(True, False),
-        "NumPy rows, upper triangle": rows(False, False),
+        "NumPy rows, U D U^T": rows(True),
+        "NumPy rows, upper triangle": rows(False),
     }
-    try:
-        import numba  # noqa: F401
-    except ImportError:
-        return timed
-    compiled = replace(options, compiled=True)
-    return {
-        **timed,
-        "simulator, then observer, numba": (runs, lambda: simulated(scene, compiled, runs)),
-        "numba, U D U^T": rows(True, True),
-        "numba, upper triangle": rows(False, True),
-    }
+
+
+PYTHON, COMPILED = 10**12, 0
+"""Work from which compiled code is taken, so that it never is and always is."""
+
+
+def one_run(sightings: int, limit: int) -> float:
+    """CPU seconds of one run of the observer over a campaign of 100 markers an image."""
+    from felt import campaign_of
+
+    from starplumb.estimators.campaign_table import table_of
+    from starplumb.estimators.published import observer_run
+
+    campaign = campaign_of(sightings // 100, 100)
+    table = table_of(campaign)
+    observer_run.TO_LOAD = observer_run.TO_COMPILE = limit
+    begun = process_time()
+    Observer()(table, campaign.C_EK)
+    return process_time() - begun
+
+
+def single(sizes: list[int], rounds: int) -> None:
+    """A row for each number of sightings, the least of the rounds."""
+    print("| sightings | Python | compiled for the first time | loaded |\n|---|---|---|---|")
+    here = Path(__file__).resolve().parents[1] / "src"
+    for n in sizes:
+        found = []
+        for _ in range(rounds):
+            with tempfile.TemporaryDirectory() as folder:
+                copy = shutil.copytree(
+                    here, Path(folder) / "src", ignore=shutil.ignore_patterns("__pycache__")
+                )
+                environment = os.environ | {"PYTHONPATH": str(copy)}
+                environment.pop("PYTHONDONTWRITEBYTECODE", None)
+                found.append([in_a_process(n, limit, environment) for limit in (PYTHON, COMPILED, COMPILED)])
+        print(f"| {n} | {' | '.join(f'{min(each):.2f}' for each in zip(*found, strict=True))} |", flush=True)
+
+
+def in_a_process(n: int, limit: int, environment: dict[str, str]) -> float:
+    command = [sys.executable, __file__, "--one", str(n), str(limit)]
+    return float(subprocess.run(command, env=environment, stdout=subprocess.PIPE, check=True).stdout)
 
 
 def main() -> None:
@@ -102,7 +140,15 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=45_000)
     parser.add_argument("--loop-runs", type=int, default=100)
     parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--single", type=int, nargs="+", help="sightings of one run")
+    parser.add_argument("--one", type=int, nargs=2, help=argparse.SUPPRESS)
     given = parser.parse_args()
+    if given.one:
+        print(one_run(*given.one))
+        return
+    if given.single:
+        single(given.single, given.rounds)
+        return
     paper = scenario("paper2019")
     scene, options = view(paper, "two_images"), observer(paper, 20)
     timed = ways(scene, options, given.runs, given.loop_runs)

@@ -157,7 +157,6 @@ def test_the_estimate_is_dense_least_squares_with_whole_covariances(shared_site,
 
 
 def test_chunks_are_the_whole(monkeypatch, rng):
-    """In NumPy; ``tests/test_size.py`` has the compiled form."""
     monkeypatch.setattr(chunks, "LARGE", 20)
     monkeypatch.setattr(chunks, "CHUNK", 10)
     o = elongated(observe(truth(LINE, 5, 8)), rng)

@@ -168,7 +168,7 @@ def test_numbers_one_by_one_are_the_bits_of_rows(factorised, rng):
     start, _ = observer._rows(measured(two_images(), rng, observer_run.FEW), C_EK_TRUE)
     update, trace = rows.form(factorised), np.empty((2, 3, 4, observer_run.FEW))
     rows.run_blocks(start, 3, observer.parameters, trace[0], update)
-    observer_run.run(start, 3, observer.parameters, trace[1], factorised, by_numba=False)
+    observer_run.run(start, 3, observer.parameters, trace[1], factorised)
     np.testing.assert_array_equal(trace[1], trace[0])
 
 
@@ -178,7 +178,7 @@ def test_a_single_run_that_diverges_ends_as_rows_do():
     parameters = Observer().parameters
     with np.errstate(all="ignore"):
         rows.run_blocks(start, 1, parameters, trace[0], rows.update_plain)
-        observer_run.run(start, 1, parameters, trace[1], factorised=False, by_numba=False)
+        observer_run.run(start, 1, parameters, trace[1], factorised=False)
     assert not np.all(np.isfinite(trace[0]))
     np.testing.assert_array_equal(trace[1], trace[0])
 
@@ -301,20 +301,6 @@ def test_nothing_is_compiled_for_little_work_or_where_it_cannot_be_kept(rng, mon
     monkeypatch.setattr(observer_run, "TO_COMPILE", 0)
     np.testing.assert_array_equal(Observer()(table, model).trace_xyzw, plain.trace_xyzw)
     assert asked
-
-
-@pytest.mark.slow
-def test_compiled_code_gives_the_same_statistics(rng):
-    pytest.importorskip("numba")
-    table = measured(two_images(), rng, 300)
-    model = so3.exp(rng.standard_normal((300, 3)) * DEG) @ C_EK_TRUE
-    plain, compiled = (Observer(compiled=c)(table, model) for c in (False, True))
-    difference = np.linalg.norm(so3.log(plain.C_EK @ compiled.C_EK.mT), axis=-1)
-    assert np.median(difference) < 1e-6 * ARCSEC
-    assert np.quantile(difference, 0.99) < 1e-2 * ARCSEC
-    np.testing.assert_allclose(
-        np.std(error_arcsec(compiled), axis=0), np.std(error_arcsec(plain), axis=0), rtol=1e-3
-    )
 
 
 @pytest.mark.parametrize(("times", "status"), [(1.01, Status.OK), (0.99, Status.WEAK)])

@@ -1,4 +1,4 @@
-"""Every path of the solver gives the same answer: whole, in chunks, compiled, sparse, in a batch, in any order."""
+"""Every path of the solver gives the same answer: whole, in chunks, sparse, in a batch, in any order."""
 
 from __future__ import annotations
 
@@ -91,13 +91,10 @@ def check_same_errors(found, expected):
         )
 
 
-@pytest.mark.parametrize("compiled", [False, True])
-def test_chunks_are_the_whole(problem, compiled, monkeypatch):
-    if compiled:
-        pytest.importorskip("numba")
+def test_chunks_are_the_whole(problem, monkeypatch):
     expected, errors, tested = problem.solution, problem.shared_errors(), problem.tested()
     large(monkeypatch)
-    chunked = replace(problem, compiled=compiled)
+    chunked = replace(problem)
     assert chunked.in_chunks
     assert len(list(chunked.pieces())) > 10
     check_same(chunked.solution, expected)

@@ -1,4 +1,4 @@
-"""Large tables: the adjustment in chunks is the whole one, in NumPy and compiled, in memory that does not grow."""
+"""Large tables: the adjustment in chunks is the whole one, in memory that does not grow."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from starplumb.physics import so3
 from starplumb.physics.camera import Distortion
 from starplumb.physics.covariance import ellipse_of
 from starplumb.physics.units import ARCSEC, DEG
-from starplumb.solve import chunks, design_rows
+from starplumb.solve import chunks
 from starplumb.solve.adjustment import solve
 from starplumb.solve.problem import Problem
 from starplumb.table.equation import linearise
@@ -88,12 +88,9 @@ def test_blocks_of_a_table_in_order_are_slices(small_limits):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("compiled", [False, True])
 @pytest.mark.parametrize("name", PROBLEMS)
-def test_the_sum_of_chunks_is_the_whole_step(small_limits, rng, name, compiled):
+def test_the_sum_of_chunks_is_the_whole_step(small_limits, rng, name):
     """With errors in common, a prior, and parameters of every kind."""
-    if compiled:
-        pytest.importorskip("numba")
     camera, parameters, value = PROBLEMS[name]
     o = replace(uneven(rng, camera), prior_E=np.eye(3) * (20.0 * ARCSEC) ** 2)
     o = replace(o, common_px=rng.standard_normal((o.n, 2, 2)))
@@ -101,7 +98,7 @@ def test_the_sum_of_chunks_is_the_whole_step(small_limits, rng, name, compiled):
     problem = Unknowns(parameters).problem(o, state, C_EK_TRUE)
     whole = solve(problem.observations, problem.model, problem.A, *problem.prior)
     assert problem.in_chunks
-    chunked = replace(problem, compiled=compiled).solution
+    chunked = replace(problem).solution
     sigma = np.sqrt(np.diag(whole.covariance))
     np.testing.assert_allclose(chunked.x / sigma, whole.x / sigma, atol=1e-7)
     unit = sigma[:, None] * sigma
@@ -123,24 +120,6 @@ def test_an_attitude_hardly_known_keeps_its_digits(small_limits, rng):
     largest = np.abs(whole.covariance).max()
     np.testing.assert_allclose(chunked.covariance, whole.covariance, rtol=1e-6, atol=1e-8 * largest)
     np.testing.assert_allclose(chunked.x, whole.x, atol=1e-5 * np.sqrt(np.diag(whole.covariance)).min())
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("width", [1, 63, 64, 65, 200])
-def test_compiled_rows_are_those_of_numpy(rng, width):
-    """Whatever the number of sightings leaves of the last window."""
-    pytest.importorskip("numba")
-    o = uneven(rng, BENT).select(np.arange(width))
-    numbers = LENS.through(np.array(PROBLEMS["lens"][2]))
-    plain, compiled = np.zeros((design_rows.ROWS, width)), np.zeros((design_rows.ROWS, width))
-    for W, by_numba in ((plain, False), (compiled, True)):
-        design_rows.load(W, o, slice(None))
-        make = design_rows.compiled_fill() if by_numba else design_rows.fill
-        make(W, tuple(C_EK_TRUE.reshape(-1).tolist()), numbers)
-    made = slice(design_rows.WHITENING, None)
-    np.testing.assert_allclose(compiled[made], plain[made], rtol=1e-9, atol=1e-9 * np.abs(plain[made]).min())
-    # a column does not move with the principal point's row, nor a row with its column
-    assert np.sum(np.any(plain[made] != 0.0, axis=1)) > 30
 
 
 def test_a_sample_knows_its_images(small_limits, rng):

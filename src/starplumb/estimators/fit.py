@@ -39,13 +39,9 @@ class State:
 
 @dataclass(frozen=True)
 class Unknowns:
-    """What an adjustment estimates: the alignment, and further parameters beside it.
-
-    ``compiled`` takes large tables through the same formulas compiled by numba.
-    """
+    """What an adjustment estimates: the alignment, and further parameters beside it."""
 
     parameters: tuple[Parameter, ...] = ()
-    compiled: bool = False
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -64,9 +60,7 @@ class Unknowns:
     def problem(self, observations: Observations, state: State, C_EK_model: Array) -> Problem:
         """The adjustment of a table at a state."""
         prior = self.prior(observations, state, C_EK_model)
-        return Problem(
-            observations, self.parameters, state.C_EK, state.values, prior, self.compiled, state.errors
-        )
+        return Problem(observations, self.parameters, state.C_EK, state.values, prior, state.errors)
 
     def prior(self, o: Observations, state: State, C_EK_model: Array) -> tuple[Array, Array]:
         """Information and step of what is known beforehand of all common unknowns.

@@ -65,13 +65,10 @@ class Gls:
     tolerance: float = 1e-3
     """Error left in units of the estimate's own sigma at which to stop, as judged by how fast the steps shrink."""
     max_iterations: int = 20
-    compiled: bool = False
-    """Take large tables through the same formulas compiled by numba (the extra ``fast``): worth its start of some
-    seconds from ten million sightings on."""
 
     @property
     def unknowns(self) -> Unknowns:
-        return Unknowns(self.parameters, self.compiled)
+        return Unknowns(self.parameters)
 
     def __call__(self, observations: Observations, C_EK: Array) -> AlignmentEstimate:
         return self.settled(observations, C_EK, self.start(observations, C_EK))

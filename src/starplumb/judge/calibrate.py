@@ -163,7 +163,7 @@ def calibrate(campaign: Campaign, estimator: Estimator, by_gls: Calibration | No
     scatter = scatter_of(campaign, surveyed, estimate) if tested else None
     moving = moves(campaign, surveyed) if tested else None
     support = Support(campaign, observations, ~campaign.sightings.check, used)
-    again = Gls(unknowns.parameters, compiled=unknowns.compiled)
+    again = Gls(unknowns.parameters)
     evidence = _evidence(campaign, observations, estimate, used)
     rests = () if not tested or estimate.sigma_E is None else rests_on(campaign, fit, estimate.sigma_E)
     found = [

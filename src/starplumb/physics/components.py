@@ -1,15 +1,13 @@
-"""Vectors and rotations on component rows: formulas written once, for NumPy and for compiled code.
+"""Vectors and rotations on component rows: formulas written once, for NumPy, for Python and for compiled code.
 
 A vector is a tuple of its components; a component is a row over the trials (NumPy) or one trial's number (Python's own,
-or compiled by :mod:`starplumb.solve.compiled`).  The same source serves all: where it works on a block ``W`` (rows,
-width), ``at`` is ``slice(None)`` for rows and an index in compiled code.  Rows keep the trials contiguous, so that
-NumPy streams through them and the compiler vectorises across them.
+or compiled by :mod:`starplumb.solve.compiled`).  The same source serves all: it reads a block ``W`` (rows, width), or
+the numbers (rows,) of one trial.  Rows keep the trials contiguous, so that NumPy streams through them.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -38,65 +36,35 @@ def root(a: Row) -> Row:
     return math.sqrt(a) if isinstance(a, float) else np.sqrt(a)
 
 
-def extreme(row: Row) -> float:
-    """Largest magnitude of a row."""
-    return float(np.max(np.abs(row)))
-
-
-def block_width(trials: int) -> int:
-    """Width of the blocks for a number of trials."""
-    return min(trials, WIDTH)
-
-
-def spare_block(rows: int, width: int) -> Array:
-    """Room for :func:`read_block` to copy to: none, for a view needs no room."""
-    return np.broadcast_to(0.0, (rows, width))
-
-
-def lanes() -> Iterable[Any]:
-    """What ``at`` runs over in a block."""
-    return (slice(None),)
-
-
-def read_block(W: Array, row: int, lane: int, block: Array, rows: int) -> Array:
-    """The part of W from ``row`` and ``lane`` on that is as large as ``block``, of which ``rows`` rows are read: a view
-    (compiled: they are copied into ``block``)."""
-    return W[row : row + len(block), lane : lane + block.shape[1]]
-
-
-def write_block(W: Array, row: int, lane: int, block: Array, first: int) -> None:
-    """Bring the rows ``first``, ... of what :func:`read_block` gave back into W: a view has nothing to bring."""
-
-
-def three(W: Array, row: int, at: Any) -> Triple:
+def three(W: Array, row: int) -> Triple:
     """A vector from three rows."""
-    return W[row, at], W[row + 1, at], W[row + 2, at]
+    return W[row], W[row + 1], W[row + 2]
 
 
-def four(W: Array, row: int, at: Any) -> Quaternion:
+def four(W: Array, row: int) -> Quaternion:
     """A quaternion, or a 2 x 2 matrix row by row, from four rows."""
-    return W[row, at], W[row + 1, at], W[row + 2, at], W[row + 3, at]
+    return W[row], W[row + 1], W[row + 2], W[row + 3]
 
 
-def six(W: Array, row: int, at: Any) -> Six:
+def six(W: Array, row: int) -> Six:
     """A symmetric 3 x 3 matrix, by its upper triangle, from six rows."""
-    return W[row, at], W[row + 1, at], W[row + 2, at], W[row + 3, at], W[row + 4, at], W[row + 5, at]
+    return W[row], W[row + 1], W[row + 2], W[row + 3], W[row + 4], W[row + 5]
 
 
-def put_three(W: Array, row: int, at: Any, v: Triple) -> None:
+def put_three(W: Array, row: int, v: Triple) -> None:
     """A vector into three rows."""
-    W[row, at], W[row + 1, at], W[row + 2, at] = v
+    W[row], W[row + 1], W[row + 2] = v
 
 
-def put_four(W: Array, row: int, at: Any, v: Quaternion) -> None:
+def put_four(W: Array, row: int, v: Quaternion) -> None:
     """A quaternion, or a 2 x 2 matrix row by row, into four rows."""
-    W[row, at], W[row + 1, at], W[row + 2, at], W[row + 3, at] = v
+    W[row], W[row + 1], W[row + 2], W[row + 3] = v
 
 
-def put_six(W: Array, row: int, at: Any, v: Six) -> None:
+def put_six(W: Array, row: int, v: Six) -> None:
     """A symmetric 3 x 3 matrix, by its upper triangle, into six rows."""
-    W[row, at], W[row + 1, at], W[row + 2, at] = v[0], v[1], v[2]
-    W[row + 3, at], W[row + 4, at], W[row + 5, at] = v[3], v[4], v[5]
+    W[row], W[row + 1], W[row + 2] = v[0], v[1], v[2]
+    W[row + 3], W[row + 4], W[row + 5] = v[3], v[4], v[5]
 
 
 def dot(a: Triple, b: Triple) -> Row:

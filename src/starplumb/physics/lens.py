@@ -11,9 +11,9 @@ or the tangents at which the lens is looked at (4, 5), and ``d ideal / d distort
 
 from __future__ import annotations
 
-from typing import Any
+import numpy as np
 
-from .components import Array, Row, extreme, four, lanes, larger, put_four
+from .components import Array, Row, four, larger, put_four
 
 Lens = tuple[Row, Row, Row, Row, Row]
 """k1, k2, k3, p1, p2."""
@@ -43,65 +43,57 @@ def distort(x: Row, y: Row, lens: Lens) -> tuple[Row, Row, Row, Row, Row]:
     )
 
 
-def start_search(W: Array, at: Any) -> None:
+def start_search(W: Array) -> None:
     """The search for the ideal tangents begins at the distorted ones."""
-    W[2, at], W[3, at] = W[0, at], W[1, at]
+    W[2], W[3] = W[0], W[1]
 
 
-def search_step(W: Array, at: Any, lens: Lens) -> None:
+def search_step(W: Array, lens: Lens) -> None:
     """One step of Newton's method for the ideal tangents."""
-    u, v, a, b, c = distort(W[2, at], W[3, at], lens)
-    du, dv = W[0, at] - u, W[1, at] - v
+    u, v, a, b, c = distort(W[2], W[3], lens)
+    du, dv = W[0] - u, W[1] - v
     scale = 1.0 / (a * c - b * b)
-    W[4, at] = scale * (c * du - b * dv)
-    W[5, at] = scale * (a * dv - b * du)
-    W[2, at] += W[4, at]
-    W[3, at] += W[5, at]
+    W[4] = scale * (c * du - b * dv)
+    W[5] = scale * (a * dv - b * du)
+    W[2] += W[4]
+    W[3] += W[5]
 
 
-def bend(W: Array, at: Any, lens: Lens) -> None:
+def bend(W: Array, lens: Lens) -> None:
     """d ideal / d distorted at the tangents found."""
-    _, _, a, b, c = distort(W[2, at], W[3, at], lens)
+    _, _, a, b, c = distort(W[2], W[3], lens)
     scale = 1.0 / (a * c - b * b)
-    put_four(W, 6, at, (scale * c, -scale * b, -scale * b, scale * a))
+    put_four(W, 6, (scale * c, -scale * b, -scale * b, scale * a))
 
 
 def straighten(W: Array, lens: Lens) -> None:
     """Rows 2 .. 9 from rows 0 and 1 (exact where the lens does not fold)."""
-    for at in lanes():
-        start_search(W, at)
+    start_search(W)
     for _ in range(20):
-        for at in lanes():
-            search_step(W, at, lens)
-        worst = 0.0
-        for at in lanes():
-            worst = larger(worst, larger(extreme(W[4, at]), extreme(W[5, at])))
-        if worst < SETTLED:
+        search_step(W, lens)
+        if np.max(np.abs(W[4:6])) < SETTLED:
             break
-    for at in lanes():
-        bend(W, at, lens)
+    bend(W, lens)
 
 
-def seen_again(W: Array, at: Any, numbers: LensNumbers) -> None:
+def seen_again(W: Array, numbers: LensNumbers) -> None:
     """Distorted tangents, by the optics at other values, of the pixel that the stated ones see at the tangents."""
     ratio, x, y, _, _, _, stated, _ = numbers
-    u, v, _, _, _ = distort(W[2, at], W[3, at], stated)
-    W[0, at], W[1, at] = ratio * u + x, ratio * v + y
+    u, v, _, _, _ = distort(W[2], W[3], stated)
+    W[0], W[1] = ratio * u + x, ratio * v + y
 
 
-def magnify(W: Array, at: Any, scale: Row) -> None:
+def magnify(W: Array, scale: Row) -> None:
     """Slope by the pixel from the slope by the distorted tangents."""
-    a, b, c, d = four(W, 6, at)
-    put_four(W, 6, at, (scale * a, scale * b, scale * c, scale * d))
+    a, b, c, d = four(W, 6)
+    put_four(W, 6, (scale * a, scale * b, scale * c, scale * d))
 
 
 def rephotograph(W: Array, numbers: LensNumbers) -> None:
     """Rows 2, 3 from tangents by the stated optics to those at other values, and the slope per pixel in rows 6 .. 9."""
-    for at in lanes():
-        seen_again(W, at, numbers)
+    seen_again(W, numbers)
     straighten(W, numbers[5])
-    for at in lanes():
-        magnify(W, at, numbers[4])
+    magnify(W, numbers[4])
 
 
 def near(predicted: Row, measured: Row, reach: Row) -> Row:
@@ -110,7 +102,7 @@ def near(predicted: Row, measured: Row, reach: Row) -> Row:
     return measured + larger(-reach, -larger(-reach, measured - predicted))
 
 
-def look_at(W: Array, at: Any, h: tuple[Row, Row], numbers: LensNumbers) -> None:
+def look_at(W: Array, h: tuple[Row, Row], numbers: LensNumbers) -> None:
     """Rows 2, 3 from tangents by the stated optics to those at other values, and the slope per pixel in rows 6 .. 9,
     the lens being taken as straight as it is at q, where a mark is predicted (``h``)::
 
@@ -119,18 +111,18 @@ def look_at(W: Array, at: Any, h: tuple[Row, Row], numbers: LensNumbers) -> None
     so that the mark is off by exactly the pixels between the predicted and the measured one.  Rows 4, 5 are then q, and
     0, 1 what the lens makes of it.
     """
-    x, y = W[2, at], W[3, at]
-    seen_again(W, at, numbers)
+    x, y = W[2], W[3]
+    seen_again(W, numbers)
     u, v, a, b, c = distort(x, y, numbers[5])
-    du, dv, i = W[0, at] - u, W[1, at] - v, 1.0 / (a * c - b * b)
+    du, dv, i = W[0] - u, W[1] - v, 1.0 / (a * c - b * b)
     x, y = x + i * (c * du - b * dv), y + i * (a * dv - b * du)  # measured, to a step of Newton's method
     x, y = near(h[0], x, numbers[7]), near(h[1], y, numbers[7])
     u, v, a, b, c = distort(x, y, numbers[5])
-    du, dv, i = W[0, at] - u, W[1, at] - v, 1.0 / (a * c - b * b)
-    W[0, at], W[1, at], W[4, at], W[5, at] = u, v, x, y
-    W[2, at], W[3, at] = x + i * (c * du - b * dv), y + i * (a * dv - b * du)
-    put_four(W, 6, at, (i * c, -i * b, -i * b, i * a))
-    magnify(W, at, numbers[4])
+    du, dv, i = W[0] - u, W[1] - v, 1.0 / (a * c - b * b)
+    W[0], W[1], W[4], W[5] = u, v, x, y
+    W[2], W[3] = x + i * (c * du - b * dv), y + i * (a * dv - b * du)
+    put_four(W, 6, (i * c, -i * b, -i * b, i * a))
+    magnify(W, numbers[4])
 
 
 def effects(x: Row, y: Row, distorted: tuple[Row, Row], focal_length: Row, scale: Row) -> tuple[Eight, Eight]:

@@ -1,9 +1,7 @@
-"""Formulas on component rows compiled by numba (the extra ``fast``), from the very source that NumPy runs.
+"""Formulas on component rows compiled by numba (the extra ``fast``), from the very source that NumPy and Python run.
 
 Compiled code may call a plain Python function once that is registered with numba: a formula as it stands, or, for the
-few functions of :mod:`starplumb.physics.components` that depend on NumPy, with the form that stands here.  So that the
-compiler vectorises, it knows the width of a block, everything is inlined, and a loop over ``lanes()`` touches only rows
-of fixed number; hence ``read_block`` and ``write_block``, which here copy.
+two functions of :mod:`starplumb.physics.components` that depend on NumPy, with the form that stands here.
 """
 
 from __future__ import annotations
@@ -15,14 +13,7 @@ from pathlib import Path
 from types import FunctionType
 from typing import Any
 
-import numpy as np
-
 from ..physics import components
-from ..physics.components import Array
-from ..physics.errors import InputError
-
-WIDTH = 64
-"""Lanes of a block: two dozen rows of 512 bytes stay in the first-level cache."""
 
 Function = Callable[..., Any]
 _known: set[Function] = set()
@@ -30,11 +21,15 @@ _known: set[Function] = set()
 
 
 def kept(function: Function) -> Function | None:
-    """:func:`compiled`, and kept beside the source of the function for later processes; None without numba or where
-    nothing can be kept."""
+    """A function with all that it calls compiled, and kept beside its source for later processes; None without numba or
+    where nothing can be kept.
+
+    Floating point is strict: nothing is reordered, so that results do not depend on the compiler; divisions are
+    NumPy's, which have no branch.
+    """
     try:
-        return compiled(_by_source(function), cache=True)
-    except (InputError, RuntimeError):  # no numba, or no folder that numba may write to
+        return _compiled(_by_source(function))
+    except (ImportError, RuntimeError):  # no numba, or no folder that numba may write to
         return None
 
 
@@ -54,19 +49,10 @@ def _by_source(function: Function) -> Function:
     return named
 
 
-def compiled(function: Function, *, cache: bool = False) -> Function:
-    """A function with all that it calls compiled, under strict floating point: nothing is reordered, so that results
-    do not depend on the compiler; divisions are NumPy's, which have no branch.
+def _compiled(function: Function) -> Function:
+    import numba
+    from numba.extending import overload, register_jitable
 
-    Raises InputError where numba is not installed.
-    """
-    try:
-        import numba
-        from numba.extending import overload, register_jitable
-    except ImportError:
-        raise InputError(
-            "compiled: found no numba, wanted starplumb installed with its extra 'fast'"
-        ) from None
     inline: Any = {"error_model": "numpy", "forceinline": True}
     for called in {*_called_by(function)} - _known:
         if called in _FORMS:
@@ -74,7 +60,7 @@ def compiled(function: Function, *, cache: bool = False) -> Function:
         else:
             register_jitable(**inline)(called)
         _known.add(called)
-    run: Function = numba.njit(error_model="numpy", nogil=True, cache=cache)(function)
+    run: Function = numba.njit(error_model="numpy", nogil=True, cache=True)(function)
     return run
 
 
@@ -98,33 +84,6 @@ def _called_by(function: Function) -> Iterator[Function]:
         waiting += new - _FORMS.keys()
 
 
-def _width(trials: int) -> int:
-    return WIDTH
-
-
-def _lanes() -> range:
-    return range(WIDTH)
-
-
-def _spare(rows: int, width: int) -> Array:
-    return np.zeros((rows, WIDTH))
-
-
-def _read(W: Array, row: int, lane: int, block: Array, rows: int) -> Array:
-    count = min(WIDTH, W.shape[1] - lane)
-    for i in range(rows):
-        for at in range(count):
-            block[i, at] = W[row + i, lane + at]
-    return block
-
-
-def _write(W: Array, row: int, lane: int, block: Array, first: int) -> None:
-    count = min(WIDTH, W.shape[1] - lane)
-    for i in range(first, len(block)):
-        for at in range(count):
-            W[row + i, lane + at] = block[i, at]
-
-
 def _larger(a: float, b: float) -> float:
     return a if a > b else b
 
@@ -133,18 +92,8 @@ def _root(a: float) -> float:
     return math.sqrt(a)
 
 
-def _extreme(number: float) -> float:
-    return abs(number)
-
-
 _FORMS: dict[Function, Function] = {
-    components.block_width: _width,
-    components.lanes: _lanes,
-    components.spare_block: _spare,
-    components.read_block: _read,
-    components.write_block: _write,
     components.larger: _larger,
     components.root: _root,
-    components.extreme: _extreme,
 }
 """What is compiled in place of the functions that depend on NumPy."""

@@ -1,4 +1,4 @@
-"""The whitened design of large tables on component rows: one source for NumPy and for compiled code.
+"""The whitened design of large tables on component rows.
 
 A work buffer ``W`` (rows, sightings) holds what was measured, and receives each sighting's residual and its derivatives
 in units of its own noise, which is the pixel's and that of its landmark's place::
@@ -11,10 +11,6 @@ those of :mod:`starplumb.table.equation`, those of the lens of :mod:`starplumb.p
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import cache
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -23,21 +19,16 @@ from ..physics.components import (
     Row,
     Six,
     Triple,
-    block_width,
     dot,
     four,
-    lanes,
     put_four,
     put_three,
-    read_block,
     root,
     rotate,
     six,
-    spare_block,
     three,
     turn,
     unit,
-    write_block,
 )
 from ..physics.covariance import pixel_entries
 from ..physics.lens import LENS_ROWS, Eight, LensNumbers, effects, look_at
@@ -53,7 +44,6 @@ from ..table.equation import (
 )
 from ..table.observations import Observations
 from ..table.seen import ImageErrors
-from .compiled import compiled
 from .whitening import inverse_root, least
 
 XY, SLOPE, E_E, ROW_RATE, C_EJ, RANGE, NOISE, WEIGHT, COVARIANCE = 2, 6, LENS_ROWS, 13, 16, 25, 26, 30, 31
@@ -86,98 +76,82 @@ def quadratic(a: Triple, S: Six, b: Triple) -> Row:
     )
 
 
-def whitened_design(W: Array, at: Any, C_EK: Nine) -> None:
+def whitened_design(W: Array, C_EK: Nine) -> None:
     """Residual, H and R in units of the sighting's own noise, with what else takes to it (L^-1, L^-1 B^-1)."""
-    e, slope, S = three(W, E_E, at), four(W, SLOPE, at), six(W, COVARIANCE, at)
-    C = (*three(W, C_EJ, at), *three(W, C_EJ + 3, at), *three(W, C_EJ + 6, at))
+    e, slope, S = three(W, E_E), four(W, SLOPE), six(W, COVARIANCE)
+    C = (*three(W, C_EJ), *three(W, C_EJ + 3), *three(W, C_EJ + 6))
     h, _, P_x, P_y = project(C_EK, e)
-    T = inverse(per_pixel(slope, three(W, ROW_RATE, at), P_x, P_y))
-    closeness = 1.0 / W[RANGE, at]
+    T = inverse(per_pixel(slope, three(W, ROW_RATE), P_x, P_y))
+    closeness = 1.0 / W[RANGE]
     R_x = by_position(gradient(T[0], T[1], P_x, P_y), C, closeness)
     R_y = by_position(gradient(T[2], T[3], P_x, P_y), C, closeness)
-    a, b, c, smallest = four(W, NOISE, at)
+    a, b, c, smallest = four(W, NOISE)
     L = inverse_root(
         quadratic(R_x, S, R_x) + a, quadratic(R_x, S, R_y) + b, quadratic(R_y, S, R_y) + c, smallest
     )
-    strength = root(W[WEIGHT, at])
+    strength = root(W[WEIGHT])
     p, q, r = strength * L[0], strength * L[1], strength * L[2]
-    put_three(W, WHITENING, at, (p, q, r))
+    put_three(W, WHITENING, (p, q, r))
     V = (p * T[0], p * T[1], q * T[0] + r * T[2], q * T[1] + r * T[3])
-    put_four(W, PER_RAD, at, V)
-    z = through(V, h[0] - W[XY, at], h[1] - W[XY + 1, at])
-    W[COLUMN, at], W[ROW, at] = z
-    put_three(W, COLUMN + 1, at, by_attitude(gradient(V[0], V[1], P_x, P_y), e))
-    put_three(W, ROW + 1, at, by_attitude(gradient(V[2], V[3], P_x, P_y), e))
-    put_three(W, COLUMN + 4, at, (p * R_x[0], p * R_x[1], p * R_x[2]))
-    put_three(W, ROW + 4, at, (q * R_x[0] + r * R_y[0], q * R_x[1] + r * R_y[1], q * R_x[2] + r * R_y[2]))
+    put_four(W, PER_RAD, V)
+    z = through(V, h[0] - W[XY], h[1] - W[XY + 1])
+    W[COLUMN], W[ROW] = z
+    put_three(W, COLUMN + 1, by_attitude(gradient(V[0], V[1], P_x, P_y), e))
+    put_three(W, ROW + 1, by_attitude(gradient(V[2], V[3], P_x, P_y), e))
+    put_three(W, COLUMN + 4, (p * R_x[0], p * R_x[1], p * R_x[2]))
+    put_three(W, ROW + 4, (q * R_x[0] + r * R_y[0], q * R_x[1] + r * R_y[1], q * R_x[2] + r * R_y[2]))
 
 
-def take_out(W: Array, at: Any) -> None:
+def take_out(W: Array) -> None:
     """The direction by an attitude and a position without the errors of the image."""
-    e, r = three(W, E_E, at), three(W, OWN + 3, at)
-    i = 1.0 / W[RANGE, at]
-    x = e[0] + i * dot(three(W, C_EJ, at), r)
-    y = e[1] + i * dot(three(W, C_EJ + 3, at), r)
-    z = e[2] + i * dot(three(W, C_EJ + 6, at), r)
-    q = turn(three(W, OWN, at))
-    put_three(W, E_E, at, unit(rotate((-q[0], -q[1], -q[2], q[3]), (x, y, z))))
+    e, r = three(W, E_E), three(W, OWN + 3)
+    i = 1.0 / W[RANGE]
+    x = e[0] + i * dot(three(W, C_EJ), r)
+    y = e[1] + i * dot(three(W, C_EJ + 3), r)
+    z = e[2] + i * dot(three(W, C_EJ + 6), r)
+    q = turn(three(W, OWN))
+    put_three(W, E_E, unit(rotate((-q[0], -q[1], -q[2], q[3]), (x, y, z))))
 
 
-def put_back(W: Array, at: Any) -> None:
+def put_back(W: Array) -> None:
     """The errors of the image into the residual again, about which it is linear: ``z - H alpha + R rho``."""
-    a, r = three(W, OWN, at), three(W, OWN + 3, at)
-    W[COLUMN, at] += dot(three(W, COLUMN + 4, at), r) - dot(three(W, COLUMN + 1, at), a)
-    W[ROW, at] += dot(three(W, ROW + 4, at), r) - dot(three(W, ROW + 1, at), a)
+    a, r = three(W, OWN), three(W, OWN + 3)
+    W[COLUMN] += dot(three(W, COLUMN + 4), r) - dot(three(W, COLUMN + 1), a)
+    W[ROW] += dot(three(W, ROW + 4), r) - dot(three(W, ROW + 1), a)
 
 
-def put_eight(W: Array, first: int, at: Any, a: Row, u: Eight, b: Row, v: Eight) -> None:
+def put_eight(W: Array, first: int, a: Row, u: Eight, b: Row, v: Eight) -> None:
     """Rows ``first``, ...: ``a u + b v``."""
-    W[first, at], W[first + 1, at] = a * u[0] + b * v[0], a * u[1] + b * v[1]
-    W[first + 2, at], W[first + 3, at] = a * u[2] + b * v[2], a * u[3] + b * v[3]
-    W[first + 4, at], W[first + 5, at] = a * u[4] + b * v[4], a * u[5] + b * v[5]
-    W[first + 6, at], W[first + 7, at] = a * u[6] + b * v[6], a * u[7] + b * v[7]
+    W[first], W[first + 1] = a * u[0] + b * v[0], a * u[1] + b * v[1]
+    W[first + 2], W[first + 3] = a * u[2] + b * v[2], a * u[3] + b * v[3]
+    W[first + 4], W[first + 5] = a * u[4] + b * v[4], a * u[5] + b * v[5]
+    W[first + 6], W[first + 7] = a * u[6] + b * v[6], a * u[7] + b * v[7]
 
 
-def whitened_lens(W: Array, at: Any, numbers: LensNumbers) -> None:
+def whitened_lens(W: Array, numbers: LensNumbers) -> None:
     """E in units of the sighting's own noise: ``L^-1 B^-1 (d ideal / d distorted)`` times the effects of the lens."""
     i = 1.0 / numbers[4]
-    V = four(W, PER_RAD, at)
-    a, c = through(V, W[SLOPE, at] * i, W[SLOPE + 2, at] * i)
-    b, d = through(V, W[SLOPE + 1, at] * i, W[SLOPE + 3, at] * i)
-    u, v = effects(W[4, at], W[5, at], (W[0, at], W[1, at]), numbers[3], numbers[4])
-    put_eight(W, COLUMN + LENS, at, a, u, b, v)
-    put_eight(W, ROW + LENS, at, c, u, d, v)
+    V = four(W, PER_RAD)
+    a, c = through(V, W[SLOPE] * i, W[SLOPE + 2] * i)
+    b, d = through(V, W[SLOPE + 1] * i, W[SLOPE + 3] * i)
+    u, v = effects(W[4], W[5], (W[0], W[1]), numbers[3], numbers[4])
+    put_eight(W, COLUMN + LENS, a, u, b, v)
+    put_eight(W, ROW + LENS, c, u, d, v)
 
 
-def fill(rows: Array, C_EK: Nine, numbers: LensNumbers, about: bool = False) -> None:
+def fill(W: Array, C_EK: Nine, numbers: LensNumbers, about: bool = False) -> None:
     """Make everything behind what was measured; with a lens to estimate, tangents and slopes are by the present one;
     ``about`` the errors of the images, where they are among the rows."""
-    width = block_width(rows.shape[1])
-    spare = spare_block(ROWS, width)
     estimated = numbers[3] != 0.0
-    for start in range(0, rows.shape[1], width):
-        W = read_block(rows, 0, start, spare, WHITENING)
-        if about:
-            for at in lanes():
-                take_out(W, at)
-        if estimated:
-            for at in lanes():
-                look_at(W, at, project(C_EK, three(W, E_E, at))[0], numbers)
-        for at in lanes():
-            whitened_design(W, at, C_EK)
-        if about:
-            for at in lanes():
-                put_back(W, at)
-        if estimated:
-            for at in lanes():
-                whitened_lens(W, at, numbers)
-        write_block(rows, 0, start, W, WHITENING)
-
-
-@cache
-def compiled_fill() -> Callable[[Array, Nine, LensNumbers, bool], None]:
-    """:func:`fill` compiled with numba.  Raises InputError where numba is not installed."""
-    return compiled(fill)
+    if about:
+        take_out(W)
+    if estimated:
+        look_at(W, project(C_EK, three(W, E_E))[0], numbers)
+    whitened_design(W, C_EK)
+    if about:
+        put_back(W)
+    if estimated:
+        whitened_lens(W, numbers)
 
 
 def load(

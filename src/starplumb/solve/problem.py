@@ -51,8 +51,7 @@ class Problem:
     """The adjustment of a table at a mounting ``C_EK`` (..., 3, 3) and ``values`` (..., p) of its parameters.
 
     The common unknowns are the alignment, the parameters and the errors in ``common_px``, in this order, with a prior
-    on all of them.  Weight zero keeps a sighting out of the solution.  ``compiled`` takes a large table through the
-    same formulas compiled by numba.
+    on all of them.  Weight zero keeps a sighting out of the solution.
     """
 
     table: Observations
@@ -60,7 +59,6 @@ class Problem:
     C_EK: Array
     values: Array
     prior: Prior
-    compiled: bool = False
     errors: ImageErrors | None = None
     """Errors of the images about which the table is linearised, where parameters are estimated; None for none."""
 
@@ -136,7 +134,7 @@ class Problem:
     def _stream(self) -> Stream:
         from .streaming import Stream
 
-        return Stream.of(self.table, self.parameters, self.compiled, self.errors)
+        return Stream.of(self.table, self.parameters, self.errors)
 
     @cached_property
     def _eliminated(self) -> tuple[Eliminated, Array]:

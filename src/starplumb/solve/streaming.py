@@ -21,7 +21,7 @@ from ..table.observations import Observations
 from ..table.parameters import OPTICS, LookAngles, Moves, Optics, Parameter, split
 from ..table.seen import ImageErrors, without_errors
 from .chunks import Rows, blocks, part
-from .design_rows import COLUMN, LENS, NO_LENS, PER_RAD, ROW, ROWS, WHITENING, compiled_fill, fill, load
+from .design_rows import COLUMN, LENS, NO_LENS, PER_RAD, ROW, ROWS, WHITENING, fill, load
 from .normal import Eliminated, Normal, Pairs, eliminate
 from .schur import eliminate_sparse
 from .whitening import Roots, accumulate
@@ -43,7 +43,6 @@ class Stream:
 
     single: Observations
     parameters: tuple[Parameter, ...]
-    compiled: bool
     roots: Roots
     pairs: Pairs
     errors: ImageErrors | None
@@ -53,7 +52,6 @@ class Stream:
         cls,
         o: Observations,
         parameters: Sequence[Parameter],
-        compiled: bool,
         errors: ImageErrors | None = None,
     ) -> Stream:
         roots = Roots.of(o)
@@ -61,9 +59,7 @@ class Stream:
             own = np.array(o.cov_landmark_J)
             own[roots.repeated] = 0.0
             o = replace(o, cov_landmark_J=own)
-        return cls(
-            o, tuple(parameters), compiled, roots, Pairs.among(o, roots), errors if parameters else None
-        )
+        return cls(o, tuple(parameters), roots, Pairs.among(o, roots), errors if parameters else None)
 
     def squares(self, C_EK: Array, values: Array) -> tuple[Array, Array]:
         """Normal equations (k + 1, k + 1) of Y = [A, z] less the shared errors, at a mounting (3, 3) and parameters
@@ -164,14 +160,14 @@ class Stream:
 
     def _fill(self, W: Array, o: Observations, C_EK: Array, lens: LensNumbers) -> None:
         """Make what stands behind what was measured, camera by camera where there are several."""
-        make, about = compiled_fill() if self.compiled else fill, self.errors is not None
+        about = self.errors is not None
         if o.C_KC is None:
-            make(W, _nine(C_EK), lens, about)
+            fill(W, _nine(C_EK), lens, about)
             return
         for k, C_KC in enumerate(o.C_KC):
             mine = np.flatnonzero(o.camera == k)
             own = np.ascontiguousarray(W[:, mine])
-            make(own, _nine(C_EK @ C_KC), lens, about)
+            fill(own, _nine(C_EK @ C_KC), lens, about)
             W[:, mine] = own
 
 

@@ -165,7 +165,7 @@ class Optics:
             (LENS_ROWS, *np.broadcast_shapes((*value.shape[:-1], 1), stated.shape[:-1], h.shape[:-1]))
         )
         W[2], W[3] = stated[..., 0], stated[..., 1]
-        look_at(W, slice(None), (h[..., 0], h[..., 1]), self.through(value[..., None, :]))
+        look_at(W, (h[..., 0], h[..., 1]), self.through(value[..., None, :]))
         return (*_photographed(W), np.moveaxis(W[4:6], 0, -1))
 
     def moves(self, observations: Observations, value: Array) -> Moves:

@@ -124,9 +124,6 @@ class Observer:
     factorised: bool = True
     """Carry P as U D U^T; otherwise as its upper triangle.  Both stay symmetric; the full matrix in plain form does
     not, and diverges in 2 % of runs by 20 cycles."""
-    compiled: bool = False
-    """Run the same formulas compiled by numba (the extra ``fast``): worth the seconds of its start from half a million
-    runs on."""
     settle: float = 5.0 * ARCSEC
     """rad: change by a cycle below which the estimate counts as settled."""
     covariance_draws: int = 0
@@ -154,9 +151,8 @@ class Observer:
         steps = trace.reshape(1 + self.cycles, 4, -1)
         with np.errstate(over="ignore", invalid="ignore"):  # what diverges is said by the status
             # the very first equation is a run of one cycle over one sighting
-            form = self.factorised, self.compiled
-            run(flat[: STATE_ROWS + SIGHTING_ROWS], 1, self.parameters, steps[:1], *form)
-            run(flat, self.cycles, self.parameters, steps[1:], *form)
+            run(flat[: STATE_ROWS + SIGHTING_ROWS], 1, self.parameters, steps[:1], self.factorised)
+            run(flat, self.cycles, self.parameters, steps[1:], self.factorised)
         C = so3.from_quaternion(np.moveaxis(trace[-1], 0, -1))
         status = self._status(observations, C, rows, trace)
         model = np.broadcast_to(C_EK, C.shape)

@@ -1,45 +1,39 @@
-"""The fuzzy observer on component rows (:mod:`starplumb.physics.components`): one source for NumPy and for compiled
-code.
+"""The fuzzy observer on component rows (:mod:`starplumb.physics.components`): one source for NumPy, for Python and for
+compiled code.
 
 A work buffer ``W`` (rows, width) holds a block of trials: the quaternion of C_EK (4), the state of P (6), and for each
 sighting e_K (3), e_E (3), the axes of J in E in the order of the equations (9) and the floor of gamma (1).
 
-Rounding differs between back ends and gamma^2 ~ z^2 amplifies it: one unit in the last place of the input moves the
-20th cycle by 2e-10 arcsec in the median and by arcseconds in one trial of 10^5.  Back ends agree in statistics.
+Rounding differs between processors and gamma^2 ~ z^2 amplifies it: one unit in the last place of the input moves the
+20th cycle by 2e-10 arcsec in the median and by arcseconds in one trial of 10^5.  They agree in statistics.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cache
-from typing import Any
 
 import numpy as np
 
 from ...physics.components import (
+    WIDTH,
     Array,
     Quaternion,
     Row,
     Six,
     Triple,
-    block_width,
     cross,
     dot,
     four,
-    lanes,
     larger,
     multiply,
     put_four,
     put_six,
-    read_block,
     root,
     rotate,
     six,
-    spare_block,
     three,
     turn,
 )
-from ...solve.compiled import compiled
 
 Parameters = tuple[float, float, float, float, float]
 """alpha, beta and the square roots of w_1, w_2, w_3."""
@@ -144,21 +138,19 @@ def corrected(
     return multiply(turn((-theta[0] - step[0], -theta[1] - step[1], -theta[2] - step[2])), q), P
 
 
-def vector_equation(W: Array, S: Array, at: Any, parameters: Parameters, update: Update) -> None:
+def vector_equation(W: Array, S: Array, parameters: Parameters, update: Update) -> None:
     """:func:`corrected` on a block of trials W and the rows S of a sighting."""
-    axes = three(S, AXES, at), three(S, AXES + 3, at), three(S, AXES + 6, at)
-    sighting = three(S, 0, at), three(S, E_E, at), axes[0], axes[1], axes[2], S[FLOOR, at]
-    q, P = corrected(four(W, 0, at), six(W, STATE, at), sighting, parameters, update)
-    put_four(W, 0, at, q)
-    put_six(W, STATE, at, P)
+    axes = three(S, AXES), three(S, AXES + 3), three(S, AXES + 6)
+    sighting = three(S, 0), three(S, E_E), axes[0], axes[1], axes[2], S[FLOOR]
+    q, P = corrected(four(W, 0), six(W, STATE), sighting, parameters, update)
+    put_four(W, 0, q)
+    put_six(W, STATE, P)
 
 
-def one_cycle(W: Array, spare: Array, parameters: Parameters, update: Update) -> None:
-    """Every sighting once, in order.  ``spare`` (16, width)."""
+def one_cycle(W: Array, parameters: Parameters, update: Update) -> None:
+    """Every sighting once, in order."""
     for base in range(STATE_ROWS, len(W), SIGHTING_ROWS):
-        S = read_block(W, base, 0, spare, SIGHTING_ROWS)
-        for at in lanes():
-            vector_equation(W, S, at, parameters, update)
+        vector_equation(W, W[base : base + SIGHTING_ROWS], parameters, update)
 
 
 def run_blocks(rows: Array, cycles: int, parameters: Parameters, trace: Array, update: Update) -> None:
@@ -168,23 +160,15 @@ def run_blocks(rows: Array, cycles: int, parameters: Parameters, trace: Array, u
     each cycle; ``update`` is the form of (3).
     """
     trials = rows.shape[1]
-    width = block_width(trials)
-    W = np.zeros((len(rows), width))
-    spare = spare_block(SIGHTING_ROWS, width)
-    for start in range(0, trials, width):
-        count = min(width, trials - start)
-        W[:, :count] = rows[:, start : start + count]
+    memory = np.empty((len(rows), min(trials, WIDTH)))
+    for start in range(0, trials, WIDTH):
+        W = memory[:, : trials - start]
+        W[...] = rows[:, start : start + WIDTH]
         for cycle in range(cycles):
-            one_cycle(W, spare, parameters, update)
-            trace[cycle, :, start : start + count] = W[:4, :count]
+            one_cycle(W, parameters, update)
+            trace[cycle, :, start : start + WIDTH] = W[:4]
 
 
 def form(factorised: bool) -> Update:
     """The form of (3): on U D U^T, or on the upper triangle of P."""
     return update_factorised if factorised else update_plain
-
-
-@cache
-def compiled_form(factorised: bool) -> Update:
-    """The form of (3) compiled with numba."""
-    return compiled(form(factorised))

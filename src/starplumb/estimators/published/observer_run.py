@@ -12,7 +12,7 @@ from typing import Any, cast
 import numpy as np
 
 from ...physics.components import Array, four, six, three
-from ...solve.compiled import Function, compiled, is_kept, kept
+from ...solve.compiled import Function, is_kept, kept
 from .observer_rows import (
     AXES,
     E_E,
@@ -23,7 +23,6 @@ from .observer_rows import (
     Parameters,
     Sighting,
     Update,
-    compiled_form,
     corrected,
     form,
     run_blocks,
@@ -36,19 +35,9 @@ TO_LOAD, TO_COMPILE = 80_000, 300_000
 """Sightings times cycles from which Python takes longer than numba and what is kept take to load, or to compile."""
 
 
-@cache
-def _compiled_blocks() -> Function:
-    return compiled(run_blocks)
-
-
-def run(
-    rows: Array, cycles: int, parameters: Parameters, trace: Array, factorised: bool, by_numba: bool
-) -> None:
-    """:func:`~starplumb.estimators.published.observer_rows.run_blocks` with the wanted form of (3): all compiled with
-    numba, else in NumPy, or one by one where the trials are too few for rows."""
-    if by_numba:
-        _compiled_blocks()(rows, cycles, parameters, trace, compiled_form(factorised))
-        return
+def run(rows: Array, cycles: int, parameters: Parameters, trace: Array, factorised: bool) -> None:
+    """:func:`~starplumb.estimators.published.observer_rows.run_blocks` with the wanted form of (3), or one by one where
+    the trials are too few for rows."""
     update = form(factorised)
     if rows.shape[1] > FEW or not run_singly(rows, cycles, parameters, trace, update):
         run_blocks(rows, cycles, parameters, trace, update)
@@ -64,7 +53,7 @@ def run_singly(rows: Array, cycles: int, parameters: Parameters, trace: Array, u
             if fast is None:
                 _by_python(rows[:, trial], cycles, parameters, found, update)
             else:
-                fast(rows[:, [trial]], cycles, parameters, found)
+                fast(rows[:, trial].copy(), cycles, parameters, found)
             trace[:, :, trial] = found
     except (ArithmeticError, ValueError):
         return False
@@ -83,7 +72,7 @@ def _compiled() -> Function | None:
     fast = kept(one_run)
     try:
         if fast is not None:
-            fast(np.zeros((STATE_ROWS, 1))[:, [0]], 0, (1.0, 1.0, 1.0, 1.0, 1.0), np.empty((0, STATE)))
+            fast(np.zeros(STATE_ROWS), 0, (1.0, 1.0, 1.0, 1.0, 1.0), np.empty((0, STATE)))
     except OSError:  # a full disk keeps nothing
         return None
     return fast
@@ -111,18 +100,11 @@ def _sighting(numbers: list[float]) -> Sighting:
 
 
 def one_run(rows: Array, cycles: int, parameters: Parameters, trace: Array) -> None:
-    """The same as it is compiled, ``rows`` (10 + 16 n, 1), in the form on U D U^T."""
-    q, P = four(rows, 0, 0), six(rows, STATE, 0)
+    """The same as it is compiled, ``rows`` (10 + 16 n,), in the form on U D U^T."""
+    q, P = four(rows, 0), six(rows, STATE)
     for cycle in range(cycles):
         for at in range(STATE_ROWS, len(rows), SIGHTING_ROWS):
-            axes = three(rows, at + AXES, 0), three(rows, at + AXES + 3, 0), three(rows, at + AXES + 6, 0)
-            seen = (
-                three(rows, at, 0),
-                three(rows, at + E_E, 0),
-                axes[0],
-                axes[1],
-                axes[2],
-                rows[at + FLOOR, 0],
-            )
+            axes = three(rows, at + AXES), three(rows, at + AXES + 3), three(rows, at + AXES + 6)
+            seen = three(rows, at), three(rows, at + E_E), axes[0], axes[1], axes[2], rows[at + FLOOR]
             q, P = corrected(q, P, seen, parameters, update_factorised)
         trace[cycle, 0], trace[cycle, 1], trace[cycle, 2], trace[cycle, 3] = q
