@@ -31,8 +31,9 @@ from starplumb.documents.normals import NormalsDocument, joined, normals_documen
 from starplumb.estimators.gls import Gls
 from starplumb.io.archive import store
 from starplumb.io.archive.conflicts import known
+from starplumb.io.archive.insertion import insert
 from starplumb.io.archive.records import digest as key
-from starplumb.io.archive.rows import ImageRow, Instrument, NewCampaign, insert
+from starplumb.io.archive.rows import ImageRow, Instrument, NewCampaign
 from starplumb.io.campaign.write import write_campaign
 from starplumb.judge.calibrate import Calibration, calibrate
 from starplumb.physics import so3
