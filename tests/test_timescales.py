@@ -13,6 +13,7 @@ from starplumb.physics.timescales import (
     SCALES,
     format_iso,
     leap_seconds,
+    moment,
     parse,
     tt_julian,
     utc_midnight,
@@ -166,3 +167,18 @@ def test_utc_ends_where_the_table_expires() -> None:
         utc_minus_tai(parse(["1971-12-31T23:59:59"], "TAI"))
     with pytest.raises(EpochError, match="within the leap-second table"):
         utc_midnight(table.expiry_mjd)
+
+
+@pytest.mark.parametrize(
+    ("text", "same"),
+    [
+        ("2026-05-01", "2026-05-01T00:00:00"),
+        ("2026-121", "2026-05-01T00:00:00"),
+        (" 2026-05-01T06:00:00Z", "2026-05-01T06:00:00"),
+    ],
+)
+def test_a_day_that_a_person_writes_is_its_midnight(text, same):
+    assert moment(text, "UTC") == parse([same], "UTC")[0]
+    for wrong in ("2026-13-01", "2026-05", "20260501", "2026-05-01T06"):
+        with pytest.raises(EpochError, match="wanted an ISO 8601 time"):
+            moment(wrong, "UTC")

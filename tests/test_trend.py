@@ -342,3 +342,24 @@ def test_a_campaign_that_is_there_keeps_its_satellite(two):
     done = starplumb("archive", "add", two.path, two.path.parent / "c0" / "result", "--satellite", "NEW")
     assert done.status == 0
     assert "there already as one of 'OLD', which stays so: --satellite NEW changes nothing" in done.out
+
+
+def test_an_event_that_is_taken_back_counts_no_more_and_stays(two, tmp_path):
+    """Both rows stay, also where two archives are united in either order."""
+    archive = sp.open_archive(tmp_path / "one.db", create=True)
+    archive.add(two.path.parent / "c0" / "result")
+    noted = archive.event("2000-06-15", "safe mode")
+    assert noted["time"] == "2000-06-15T00:00:00.000000"
+    other = sp.open_archive(tmp_path / "other.db", create=True)
+    other.merge(archive.path)
+    done = starplumb("archive", "withdraw", archive.path, noted["id"][:8], "--reason", "another satellite")
+    assert done.status == 0, done.err
+    assert "safe mode" in done.out
+    assert archive.trend().document["events"] == []
+    other.merge(archive.path)
+    assert other.trend().document["events"] == []
+    assert other.verify()["faults"] == []
+    with pytest.raises(InputError, match="no such campaign"):
+        archive.withdraw(noted["id"][:8], "twice")
+    with pytest.raises(InputError, match="archive withdraw takes an event back"):
+        archive.event("2000-06-15", f"withdraws {noted['id']}")

@@ -101,6 +101,12 @@ def parse(texts: Sequence[str], scale: str) -> Int64:
     return _utc_count(mjd) + second * _SECOND_NS + nanosecond + _tai_minus_ns(mjd, scale)
 
 
+def moment(text: str, scale: str) -> int:
+    """The epoch of one text that a person writes: as :func:`parse` reads it, a day alone being its midnight."""
+    day = re.fullmatch(r"\d{4}-(\d\d-\d\d|\d{3})", text.strip())
+    return int(parse([f"{text.strip()}T00:00:00" if day else text], scale)[0])
+
+
 def format_iso(t_ns: npt.ArrayLike, scale: str, digits: int = 6) -> list[str]:
     """ISO 8601 texts of epochs (any shape, in C order) in ``scale``, rounded to ``digits`` decimals, 0 to 9.
 

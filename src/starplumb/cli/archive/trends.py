@@ -61,7 +61,9 @@ def trend(
 
 def event(
     file: File,
-    time: Annotated[str, typer.Argument(help="When, ISO 8601 in UTC.", metavar="TIME")],
+    time: Annotated[
+        str, typer.Argument(help="When, ISO 8601 in UTC; a day alone is its midnight.", metavar="TIME")
+    ],
     kind: Annotated[str, typer.Argument(help="What happened, in a word or two.", metavar="KIND")],
     note: Annotated[str, typer.Option("--note", metavar="TEXT", help="More of it.")] = "",
     satellite: OfSatellite = None,
@@ -70,6 +72,8 @@ def event(
     verbose: Verbose = False,
 ) -> None:
     """Note what happened to a satellite: the trend then expects that its mounting may have jumped.
+
+    `starplumb archive withdraw` takes an event back, by the id that is printed.
 
     Example:
 
@@ -80,7 +84,7 @@ def event(
     done = open_archive(file).event(time, kind, note, satellite)
     speak = Output(json, quiet, verbose)
     speak.document(done)
-    speak.show(f"noted: {done['time']} {done['kind']}")
+    speak.show(f"noted: {done['time']} {done['kind']}, {done['id'][:12]}")
 
 
 def issue(

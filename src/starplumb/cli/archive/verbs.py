@@ -132,16 +132,15 @@ def show(
 def withdraw(
     file: File,
     campaign: Annotated[
-        str, typer.Argument(help="The first characters of its id, or its name.", metavar="CAMPAIGN")
+        str,
+        typer.Argument(help="The first characters of its id, or a campaign's name.", metavar="CAMPAIGN"),
     ],
-    reason: Annotated[
-        str, typer.Option("--reason", metavar="TEXT", help="Why; it stays beside the campaign.")
-    ],
+    reason: Annotated[str, typer.Option("--reason", metavar="TEXT", help="Why; it stays beside it.")],
     json: Json = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
-    """Withdraw a campaign: it stays in the archive, with the reason, and counts no more.
+    """Withdraw a campaign or an event: it stays in the archive, with the reason, and counts no more.
 
     Example:
 

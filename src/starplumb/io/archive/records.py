@@ -58,13 +58,30 @@ def add_event(
     return event
 
 
+WITHDRAWS = "withdraws "
+"""How the kind of an event begins that takes back another one, whose id follows; its note is the reason."""
+
+
+def withdraw_event(database: sqlite3.Connection, event: Event, reason: str, now: str) -> None:
+    """Take back an event: both stay, neither counts."""
+    add_event(database, event.satellite, event.t_ns, f"{WITHDRAWS}{event.id}", reason, now)
+
+
+def all_events(database: sqlite3.Connection) -> list[Event]:
+    """Those of all satellites, without those that were taken back."""
+    names = database.execute("SELECT DISTINCT satellite FROM event ORDER BY 1").fetchall()
+    return [event for (name,) in names for event in events(database, name)]
+
+
 def events(database: sqlite3.Connection, satellite: str) -> list[Event]:
-    """Those of a satellite in the order of time."""
+    """Those of a satellite in the order of time, without those that were taken back."""
     rows = database.execute(
         "SELECT id, satellite, t_ns, kind, note FROM event WHERE satellite = ? ORDER BY t_ns, id",
         (satellite,),
     )
-    return [Event(id_, of, cells.epoch(t_ns), kind, note) for id_, of, t_ns, kind, note in rows]
+    found = [Event(id_, of, cells.epoch(t_ns), kind, note) for id_, of, t_ns, kind, note in rows]
+    gone = {event.kind.removeprefix(WITHDRAWS) for event in found if event.kind.startswith(WITHDRAWS)}
+    return [event for event in found if event.id not in gone and not event.kind.startswith(WITHDRAWS)]
 
 
 def withdraw(database: sqlite3.Connection, campaign: str, reason: str, now: str) -> None:

@@ -15,7 +15,7 @@ from ...physics.earth import itrf_to_geodetic
 from ...physics.errors import InputError
 from ...physics.orbit import KeplerOrbit, Orbit
 from ...physics.orientation import EarthOrientation
-from ...physics.timescales import parse
+from ...physics.timescales import moment
 from ...physics.units import DEG
 from ...plan import passes, scene
 from ...plan.choice.information import Information, Level, blocks, factors, information
@@ -80,7 +80,7 @@ def stage(config: ScenarioConfig, folder: Path) -> Stage:
         raise InputError("cameras: found several, wanted one: a plan chooses the images of one camera")
     section, _ = next(iter(config.optics.values()))
     camera = camera_of(section, folder)
-    epoch_ns = int(parse([config.scenario.epoch], config.scenario.time_scale)[0])
+    epoch_ns = moment(config.scenario.epoch, config.scenario.time_scale)
     orbit, epoch_ns = _kept_orbit(config, folder, orientation, epoch_ns)
     C_EK = mounted(config)[0]
     period = config.images.line_period_s or square_period(camera, orbit)

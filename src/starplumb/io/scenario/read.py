@@ -16,7 +16,7 @@ from ...physics.camera import Camera
 from ...physics.errors import InputError
 from ...physics.orbit import KeplerOrbit, Orbit
 from ...physics.orientation import EarthOrientation
-from ...physics.timescales import parse
+from ...physics.timescales import moment
 from ...physics.units import ARCSEC, DEG
 from ...plan import passes, scene
 from ...plan.error_catalogue import Flight
@@ -151,7 +151,7 @@ def _fly(
 ) -> tuple[Campaign, NDArray[np.int64]]:
     """The campaign without markers, and the pass of each image."""
     orientation = EarthOrientation.load()
-    epoch_ns = int(parse([config.scenario.epoch], config.scenario.time_scale)[0])
+    epoch_ns = moment(config.scenario.epoch, config.scenario.time_scale)
     from_file = config.orbit.model == "file"
     orbit: Orbit = file_orbit(config, folder, orientation, epoch_ns) if from_file else kepler(config.orbit)
     period = config.images.line_period_s or square_period(camera, orbit)

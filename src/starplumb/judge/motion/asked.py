@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ...physics.errors import ArgumentError, EpochError
-from ...physics.timescales import parse
+from ...physics.timescales import format_iso, moment
 from .averaging import Structure, structures
 from .regressors import LINEAR, MEAN, ORBIT, STEP, TEMPERATURE, Scales, When, harmonics, told_apart
 
@@ -40,10 +40,10 @@ def _columns(name: str) -> tuple[str, ...]:
         return (name,)
     if kind == STEP and which:
         try:
-            parse([which], "UTC")
+            at = moment(which, "UTC")
         except EpochError as error:
             raise ArgumentError("drift", f"step: {error}") from None
-        return (name,)
+        return (name if "T" in which or " " in which.strip() else f"{STEP}:{format_iso([at], 'UTC', 0)[0]}",)
     raise ArgumentError("drift", f"found {name!r}, wanted {WANTED}")
 
 

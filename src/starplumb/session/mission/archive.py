@@ -16,11 +16,11 @@ from ...io.archive.insertion import insert
 from ...io.archive.rows import Entry, Instrument, all_instruments, entries, instruments
 from ...io.tables.cells import PRINTABLE
 from ...physics.errors import ArgumentError, EpochError
-from ...physics.timescales import format_iso, parse
+from ...physics.timescales import format_iso, moment
 from ...report.page import Table
 from ..arguments import Positive, Wanted, checked
 from ..show import Shown
-from .entries import SHORT, day, entry_document, instrument_of, one_of, satellite_of, state
+from .entries import SHORT, day, entry_document, event_of, instrument_of, one_of, satellite_of, state
 from .known import known as known_of
 from .known import mounting_at
 
@@ -36,9 +36,9 @@ Satellite = Annotated[str, Wanted("the name of a satellite", lambda value: value
 
 
 def time_of(argument: str, text: str) -> int:
-    """The epoch of an ISO 8601 time in UTC.  Raises ArgumentError where it is none."""
+    """The epoch of an ISO 8601 time in UTC, a day alone being its midnight.  Raises ArgumentError where it is none."""
     try:
-        return int(parse([text], "UTC")[0])
+        return moment(text, "UTC")
     except EpochError as error:
         raise ArgumentError(argument, str(error)) from None
 
@@ -171,6 +171,10 @@ class Archive(Shown):
         ``satellite`` can be left out where the archive has one.  Raises InputError for one that it does not know.
         """
         t_ns = time_of("time", time)
+        if kind.startswith(records.WITHDRAWS):
+            raise ArgumentError(
+                "kind", f"found {kind!r}, wanted what happened; archive withdraw takes an event back"
+            )
         with store.opened(self.path) as database, store.transaction(database):
             known_ones = instruments(database)
             name = satellite_of(str(self.path), known_ones, self._default(database), satellite)
@@ -216,8 +220,13 @@ class Archive(Shown):
 
     @checked
     def withdraw(self, campaign: str, reason: Words) -> dict[str, Any]:
-        """Withdraw a campaign, by the first characters of its id or by its name: it stays, and counts no more."""
+        """Withdraw a campaign, by the first characters of its id or by its name, or an event, by those of its id: it
+        stays, and counts no more."""
         with store.opened(self.path) as database, store.transaction(database):
+            event = event_of(records.all_events(database), campaign)
+            if event is not None:
+                records.withdraw_event(database, event, reason, utc_now())
+                return self._withdrawn(event.id, event.kind, reason)
             entry = one_of(entries(database), campaign)
             if entry.withdrawn is not None:
                 raise ArgumentError(
@@ -225,11 +234,14 @@ class Archive(Shown):
                     f"found {entry.id[:SHORT]} withdrawn already ({entry.withdrawn[1]}), wanted another",
                 )
             records.withdraw(database, entry.id, reason, utc_now())
+        return self._withdrawn(entry.id, entry.name, reason)
+
+    def _withdrawn(self, id_: str, name: str, reason: str) -> dict[str, Any]:
         return {
             "schema": "starplumb-archive-withdraw/1",
             "archive": str(self.path),
-            "id": entry.id,
-            "name": entry.name,
+            "id": id_,
+            "name": name,
             "reason": reason,
         }
 

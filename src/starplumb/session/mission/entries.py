@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from ...io.archive.records import Event
 from ...io.archive.rows import Entry, Instrument
 from ...io.text.files import nearest
 from ...physics.errors import ArgumentError, InputError
@@ -99,6 +100,12 @@ def satellite_of(name: str, firsts: Sequence[Instrument], own: str, satellite: s
     hint = f" (did you mean {near}?)" if near else ""
     listed = ", ".join(map(repr, names[:6])) + (", ..." if len(names) > 6 else "")
     raise ArgumentError("satellite", f"{said} in {name}, wanted one of: {listed}{hint}")
+
+
+def event_of(found: Sequence[Event], what: str) -> Event | None:
+    """An event by the first characters of its id; None for what is none."""
+    hits = [event for event in found if len(what) >= LEAST and event.id.startswith(what)]
+    return hits[0] if len(hits) == 1 else None
 
 
 def one_of(found: Sequence[Entry], campaign: str) -> Entry:

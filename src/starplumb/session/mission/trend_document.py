@@ -47,7 +47,7 @@ def trend_document(of: Known, at_ns: int | None, horizon_days: float) -> dict[st
         "models": [{"name": name, "weight": weight} for name, weight in of.trend.bank.kinds.items()],
         "changes": [_change(of, change) for change in listed],
         "forecast": [_foretold(of.trend, int(t)) for t in ahead],
-        "events": [{"time": _time(e.t_ns), "kind": e.kind, "note": e.note} for e in of.events],
+        "events": [{"id": e.id, "time": _time(e.t_ns), "kind": e.kind, "note": e.note} for e in of.events],
         "issued": [_issued(one) for one in of.issued],
         "recommendation": _recommendation(found, of.height_m, now, horizon_days),
     }

@@ -19,7 +19,7 @@ from ...io.text.files import read_text
 from ...judge.trust import NORMAL_95
 from ...physics import so3
 from ...physics.errors import ArgumentError, EpochError, InputError
-from ...physics.timescales import format_iso, parse
+from ...physics.timescales import format_iso, moment
 from ...physics.units import ARCSEC
 from ...report.page import Table
 from ..arguments import checked
@@ -100,7 +100,7 @@ def predict(
             f"{name}: status: found {document.status!r}, wanted a result whose mounting may be used (ok or weak)"
         )
     try:
-        t_ns = int(parse([at], "UTC")[0])
+        t_ns = moment(at, "UTC")
     except EpochError as error:
         raise ArgumentError("at", str(error)) from None
     found = predicted(document, t_ns, None, temperatures_c)

@@ -15,7 +15,7 @@ from ...io.scenario.plan_config import MOST_DAYS
 from ...io.scenario.site_table import read_site_table
 from ...physics import so3
 from ...physics.errors import ArgumentError, EpochError, InputError
-from ...physics.timescales import format_iso, parse
+from ...physics.timescales import format_iso, moment
 from ...physics.units import ARCSEC, DEG
 from ...plan.choice.views import Sites
 from ...report.page import Table
@@ -189,7 +189,7 @@ def _start_ns(flown: Stage, start: str | None) -> int:
     if text is None:
         return flown.epoch_ns
     try:
-        return int(parse([text], "UTC")[0])
+        return moment(text, "UTC")
     except EpochError as error:
         raise ArgumentError("start", str(error)) from None
 
