@@ -317,6 +317,17 @@ def changed_meanwhile(path):
         os.seteuid(account)
 
 
+@pytest.mark.parametrize("verb", ["list", "show", "trend"])
+def test_times_whose_leap_seconds_are_not_known_yet_are_told(archive, verb):
+    """Of an archive that a machine with a newer table wrote."""
+    with tampered(archive.path) as database:
+        database.execute("UPDATE campaign SET last_ns = last_ns + 60 * 31556952000000000")
+    done = starplumb("archive", verb, archive.path)
+    assert done.status == 2
+    assert f"{archive.path}: found 2060-" in done.err
+    assert "wanted an epoch within the leap-second table, which covers 1972-01-01 to 20" in done.err
+
+
 def test_a_folder_that_may_not_be_entered_is_told(archive, open_folder):
     (open_folder / "closed").mkdir(mode=0o700)
     with as_nobody(), pytest.raises(InputError, match="found a file that may not be read, wanted an archive"):

@@ -13,7 +13,7 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-from starplumb.io.tables import csv_tables, pieces
+from starplumb.io.tables import csv_rows, csv_tables, pieces
 from starplumb.io.tables import read as table_read
 from starplumb.io.tables.arrow import plain_rows
 from starplumb.io.tables.cells import Columns, Part
@@ -225,6 +225,47 @@ def test_a_fault_in_a_late_piece_names_the_line_before_memory_is_filled(
     with pytest.raises(InputError, match=rf"t\.csv(, |: ){re.escape(complaint)}"):
         read_csv(path, SCHEMA)
     assert held == []
+
+
+@pytest.mark.parametrize("quick", [True, False])
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+def test_rows_between_blank_lines_have_the_lines_of_the_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, end: str, quick: bool
+) -> None:
+    monkeypatch.setattr(csv_tables, "LARGE", 0)
+    path = written(tmp_path, end.join([HEAD.strip(), "", "a,1,b", "", "", "c,2,d", "e,3,f", "", "g,4,h"]))
+    found = read_csv(path, SCHEMA, quick=quick)
+    assert [found.row_number(i) for i in range(4)] == [3, 6, 7, 9]
+
+
+@pytest.mark.parametrize(
+    ("rows", "complaint"),
+    [
+        ("a,1,b\n" + 30 * "\n", ": found more than 20 blank lines, wanted rows"),
+        ("a,1,b\n" + 30 * "\r", ": found more than 20 blank lines, wanted rows"),
+        (300 * " \n", ": found more than 20 blank lines, wanted rows"),
+        ("a,1,b\n" + 30 * ",,\n", ", row 3: found 30 rows of empty cells from here on"),
+        (
+            f"a,1,{40 * (chr(34) + 8 * 'x' + chr(10) + chr(34) + ',')}",
+            ", row 2: found a row of more than 200 bytes",
+        ),
+        ('a,1,"b\nc,2,d\n\ne,3,f\n', ", row 2: found text that is not CSV (unexpected end of data)"),
+        ('a,1,b\nc,"2"x,d\n', ", row 3: found text that is not CSV"),
+    ],
+)
+def test_what_is_no_table_ends_early_at_the_row_that_has_the_fault(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, rows: str, complaint: str
+) -> None:
+    for name, module, value in (
+        ("LARGE", csv_tables, 0),
+        ("PIECE", pieces, 200),
+        ("PIECE", csv_tables, 200),
+        ("MOST_BLANK", csv_tables, 20),
+        ("MOST_EMPTY", csv_rows, 1000),
+    ):
+        monkeypatch.setattr(module, name, value)
+    with pytest.raises(InputError, match=rf"t\.csv{re.escape(complaint)}"):
+        read_csv(written(tmp_path, HEAD + rows), SCHEMA)
 
 
 def test_a_fault_in_a_large_file_has_the_sentence_of_a_small_one(

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...physics.errors import InputError
-from ...physics.timescales import leap_seconds, parse
+from ...physics.timescales import leap_seconds, parse, utc_minus_tai
 from ..text.numbers import MOST_FINITE
 
 Array = NDArray[np.float64]
@@ -48,11 +48,13 @@ def rows(data: Sequence[bytes]) -> Array:
 
 
 def epoch(t_ns: Any) -> int:
-    """An epoch of a satellite.  Raises ValueError before 1972 and from 2100 on."""
+    """An epoch of a satellite.  Raises ValueError before 1972 and from 2100 on, EpochError where the leap seconds are
+    not known yet: another machine, on which the campaign was added, knew them."""
     if not isinstance(t_ns, int):
         raise ValueError("a time that is no whole number")
     if not leap_seconds().t_ns[0] <= t_ns < LATEST_NS:
         raise ValueError(f"a time {t_ns * 1e-9:.0f} s from 2000-01-01T12:00:00 TAI")
+    utc_minus_tai(t_ns)
     return t_ns
 
 

@@ -16,7 +16,7 @@ from time import monotonic, sleep
 from typing import TypeVar
 
 from ...disk.staging import cannot_write, flush, staged
-from ...physics.errors import InputError
+from ...physics.errors import EpochError, InputError
 from ..text.files import show, trouble
 from .form import limit, require_archive
 from .schema import statements
@@ -139,6 +139,8 @@ def _whole(path: Path) -> Iterator[None]:
     """Contents that are none of ours, in a sentence: SQLite itself keeps no check sums."""
     try:
         yield
+    except EpochError as error:
+        raise InputError(f"{path}: {error}") from None
     except (ValueError, KeyError, zlib.error) as error:
         reason = show(" ".join(str(error).split()))
         raise InputError(

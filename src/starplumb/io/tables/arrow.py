@@ -6,6 +6,7 @@ PyArrow is imported where it is used: a small campaign of CSV files does without
 from __future__ import annotations
 
 import re
+from array import array
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...physics.errors import InputError
-from ..text.files import composed, lines_of, show, trouble
+from ..text.files import composed, show, trouble
 from ..text.numbers import MOST_FINITE
 from ..text.visible import IN_NAME, OBEYED
 from .cells import NUMBER, PRINTABLE, Array, Columns, Part, cell_error, none_kept, to_numbers
@@ -115,8 +116,12 @@ def _lines_of_rows(data: bytes, before: int, rows: int) -> Sequence[int]:
     """The line of each row; those that are empty are none."""
     if rows == line_ends(data) + (data[-1:] not in b"\r\n"):
         return range(before + 1, before + 1 + rows)
-    lines = lines_of(data.decode())
-    return [before + at for at, line in enumerate(lines, 1) if line]
+    letters = np.frombuffer(data, np.uint8)
+    lf, cr = letters == ord("\n"), letters == ord("\r")
+    starts = np.append(0, np.flatnonzero(lf | (cr & ~np.append(lf[1:], False))) + 1)
+    starts = starts[starts < letters.size]
+    lines = before + 1 + np.flatnonzero(~(lf | cr)[starts])  # an empty line begins with its end
+    return array("q", lines.astype(np.int64).tobytes())
 
 
 def joined(columns: Sequence[Sequence[str]]) -> Sequence[str]:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from io import StringIO
 from itertools import chain, islice
 from pathlib import Path
+from sys import getsizeof
 
 from ...physics.errors import InputError
 from .cells import Part, to_numbers, to_texts
@@ -15,6 +16,9 @@ from .schema import Schema
 
 _BLOCK = 1 << 10
 _CUT_OFF = "unexpected end of data"
+_BLANK = [""]
+MOST_EMPTY = 300_000_000
+"""Bytes of memory of rows below the last one that holds something: a spreadsheet has a million."""
 
 
 @dataclass(frozen=True)
@@ -98,7 +102,10 @@ class CsvLines:
         """A block without its blank lines (csv makes one cell of them, or none), line breaks in cells counted."""
         line, kept, at = start, [], []
         for row in block:
-            line += 1 + sum(cell.count("\n") or cell.count("\r") for cell in row)
+            line += 1
+            if not row or row == _BLANK:
+                continue
+            line += sum(cell.count("\n") or cell.count("\r") for cell in row)
             if any(cell.strip() for cell in row) or len(row) > 1:
                 kept.append(row)
                 at.append(line)
@@ -116,29 +123,42 @@ class CsvLines:
         return None
 
     def _guarded(self) -> Iterator[list[str]]:
+        end = self.line
         try:
-            yield from self._reader
-        except csv.Error as error:
+            for row in self._reader:
+                yield row
+                end = self.line
+        except csv.Error as error:  # at the row that has the fault, not where a quote left open ended
             found = f"found text that is not CSV ({error}), wanted cells separated by commas, quotes closed"
-            raise InputError(f"{self._path}, row {self.line}: {found}") from None
+            raise InputError(f"{self._path}, row {end + 1}: {found}") from None
 
 
-def without_empty_end(blocks: Iterable[Block | Part]) -> Iterator[Block | Part]:
-    """Blocks without the rows of empty cells that spreadsheets leave below the last one that holds something."""
+def without_empty_end(blocks: Iterable[Block | Part], path: Path) -> Iterator[Block | Part]:
+    """Blocks without the rows of empty cells that spreadsheets leave below the last one that holds something.
+
+    Raises InputError where those rows, which wait for what follows, would fill the memory.
+    """
     waiting: list[Block] = []
+    held = 0
     for block in blocks:
         if isinstance(block, Part):
             yield from waiting
             yield block
-            waiting = []
+            waiting, held = [], 0
             continue
         full = next((n for n in range(len(block.rows), 0, -1) if any(map(str.strip, block.rows[n - 1]))), 0)
         if full:
             yield from waiting
             yield Block(block.rows[:full], block.line[:full])
-            waiting = []
+            waiting, held = [], 0
         if full < len(block.rows):
             waiting.append(Block(block.rows[full:], block.line[full:]))
+            held += sum(map(getsizeof, waiting[-1].rows))
+        if held > MOST_EMPTY:
+            rows = sum(len(block.rows) for block in waiting)
+            raise InputError(
+                f"{path}, row {waiting[0].line[0]}: found {rows:,} rows of empty cells from here on, wanted values"
+            )
 
 
 def _transposed(path: Path, block: Block, width: int) -> list[tuple[str, ...]]:

@@ -24,6 +24,8 @@ LARGE = PIECE // 2
 """Bytes of a piece from which reading it by PyArrow saves more than the import of PyArrow costs (0.1 s)."""
 MOST_TABLE = 1_000_000_000
 """Bytes of a table."""
+MOST_BLANK = 3_000_000
+"""Lines of a table that are no rows."""
 MOST_HELD = 100_000_000
 """Bytes of a table from which its values are forgotten until the whole file is known to be sound."""
 
@@ -80,7 +82,7 @@ class _Walk:
 
     def __init__(self, path: Path, schema: Schema, most: int, quick: bool) -> None:
         self.path, self.schema = path, schema
-        self.size = self.rows = 0
+        self.size = self.rows = self._blank = 0
         self._pieces = pieces(path, most)
         self.header, self._before, self._first = self._below_header()
         self.texts = (*schema.texts_in(self.header), *schema.stamps)
@@ -90,7 +92,7 @@ class _Walk:
 
     def parts(self) -> Iterator[Part]:
         """The rows that are kept, in order."""
-        for found in without_empty_end(self._found()):
+        for found in without_empty_end(self._found(), self.path):
             self.rows += len(found.line)
             if isinstance(found, Part):
                 yield found
@@ -111,6 +113,9 @@ class _Walk:
     def _below_header(self) -> tuple[list[str], int, bytes]:
         """The header, the line at which it ends, and what follows in the same piece."""
         for before, piece in self._pieces:
+            if not piece.strip():
+                self._require_rows(line_ends(piece))
+                continue
             lines = self._lines(piece, before, top=True)
             if not lines.empty:
                 header = lines.header(self.schema)
@@ -121,16 +126,28 @@ class _Walk:
     def _found(self) -> Iterator[Block | Part]:
         before, piece = self._before, self._first
         while piece := piece or self._next():
-            rest = b""
+            rest, rows = b"", 0
             part = plain_rows(piece, before, self.header, self.schema) if self._quick else None
-            if part is None:
-                piece, rest = self._whole_rows(piece, before)
-                yield from self._lines(piece, before).blocks()
-            else:
+            if part is not None:
+                rows = len(part.line)
                 yield part
+            elif piece.strip():
+                piece, rest = self._whole_rows(piece, before)
+                for block in self._lines(piece, before).blocks():
+                    rows += len(block.rows)
+                    yield block
             self.size += len(piece)
-            before += line_ends(piece)
+            before += (lines := line_ends(piece))
+            self._require_rows(lines - rows)
             piece = rest
+
+    def _require_rows(self, blank: int) -> None:
+        """Raise InputError where there are so many blank lines, or line breaks within cells, that it is no table."""
+        self._blank += blank
+        if self._blank > MOST_BLANK:
+            raise InputError(
+                f"{self.path}: found more than {MOST_BLANK:,} blank lines, wanted rows of a table"
+            )
 
     def _next(self) -> bytes:
         return next(self._pieces, (0, b""))[1]
@@ -142,6 +159,9 @@ class _Walk:
             at = behind_lines(piece, line - before)
             if at or not following:
                 return (piece[:at], piece[at:] + following) if following else (piece, b"")
+            if len(piece) > PIECE:
+                place = f"{self.path}, row {line + 1}"
+                raise InputError(f"{place}: found a row of more than {PIECE:,} bytes, wanted rows of a table")
             piece += following
         return piece, b""
 
