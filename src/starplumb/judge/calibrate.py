@@ -18,6 +18,7 @@ from ..physics import so3
 from ..physics.errors import InputError
 from ..table.campaign import Campaign
 from ..table.observations import Observations
+from .accuracy.check_points import of_check_points
 from .consistency import chi2_p, findings
 from .contradictions import (
     Support,
@@ -174,6 +175,7 @@ def calibrate(campaign: Campaign, estimator: Estimator, by_gls: Calibration | No
         *of_combinations(traded, estimate),
         *_consistent(support, estimate, again, snooping),
         *_unmodelled(campaign, fit, estimate),
+        *(of_check_points(campaign, fit, estimate, snooping) if tested else ()),
         *finding_of_rests_on(rests),
         *rest_on_one(fit, estimate.parameters if tested else None, campaign.images.ids),
         *finding_of_session(campaign),
