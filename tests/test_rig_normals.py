@@ -8,7 +8,8 @@ import pytest
 from rigs import BAND, rig_truth, with_tie_points
 from starplumb.documents.normals import NormalsDocument, joined, normals_document
 from starplumb.judge.calibrate import calibrate
-from starplumb.mission.joint import Known, summed
+from starplumb.mission.joint import Equations, Known, summed
+from starplumb.physics import so3
 from starplumb.physics.units import ARCSEC
 from test_ties import JOINTLY, delivered
 
@@ -41,3 +42,35 @@ def test_a_block_that_stands_twice_in_an_image_is_added_twice():
     whole = summed(np.eye(3), blocks, [(("mounting", "a", "a"), J.T @ J, J.T @ r, float(r @ r), 2)])
     np.testing.assert_allclose(whole.information, both.T @ both)
     np.testing.assert_allclose(whole.vector, both.T @ r)
+
+
+def test_turns_of_cameras_do_not_commute(rng):
+    """Mountings 40 arcsec off, turned a little further: what equations about others have as unknowns, the turn of the
+    first and how far the second is turned against it, to the second order of the turns."""
+    C = [so3.exp(v) for v in rng.normal(0.0, 1.0, (2, 3))]
+    off, x = rng.normal(0.0, 40.0, (2, 3)), rng.normal(0.0, 0.1, (2, 3))
+    there = [so3.exp(ARCSEC * v) @ C_c for v, C_c in zip(off, C, strict=True)]  # what the equations are about
+    zero = np.zeros(3)
+    known = {
+        "mounting": Known(zero, zero, None),
+        "mounting[B]": Known(so3.log(there[1]) / ARCSEC, zero, None),
+    }
+    A, z = rng.normal(size=(9, 6)), rng.normal(size=9)
+    part = Equations(there[0], known, A.T @ A, A.T @ z, float(z @ z), 9)
+    moved = part.about(C[0], {"mounting[B]": so3.log(C[1]) / ARCSEC}, off[0], exactly=True)
+
+    def square(x):
+        """Of the residuals z + A (u, u + w)."""
+        now = [so3.exp(ARCSEC * v) @ C_c for v, C_c in zip(x, C, strict=True)]
+        u = so3.log(now[0] @ there[0].T)
+        w = so3.log(so3.exp(-u) @ now[1] @ there[1].T)
+        r = z + A @ np.concatenate([u, u + w]) / ARCSEC
+        return float(r @ r)
+
+    flat = x.reshape(-1)
+    gained = 2.0 * float(moved.vector @ flat) + float(flat @ moved.information @ flat)
+    wanted = square(x) - square(0.0 * x)
+    plain = part.about(C[0], {"mounting[B]": so3.log(C[1]) / ARCSEC}, off[0])
+    off_by = 2.0 * float(plain.vector @ flat) + float(flat @ plain.information @ flat) - wanted
+    assert gained == pytest.approx(wanted, abs=1e-3 * abs(off_by))
+    assert abs(off_by) > 1e-6 * abs(wanted)

@@ -121,16 +121,23 @@ class Equations:
             self, blocks=blocks, information=self.information[k[:, None], k], vector=self.vector[k]
         )
 
-    def about(self, C_EK: Array, references: Mapping[str, Array], turn: Array) -> Equations:
+    def about(
+        self, C_EK: Array, references: Mapping[str, Array], turn: Array, *, exactly: bool = False
+    ) -> Equations:
         """The same about another mounting, from which ``turn`` (3,) arc seconds leads to this one, and other references
-        of the blocks: ``z + A (x - d)``."""
-        d = np.concatenate(
-            [
-                turn if name == MOUNTING else apart(name, known.reference, references[name])
-                for name, known in self.blocks.items()
-            ]
-        )
-        Nd = self.information @ d
+        of the blocks: ``z + A (x - d)``, or ``exactly`` about mountings close to which the answer is,
+        ``z + A (M x - d)``."""
+        moved = {
+            name: turn if name == MOUNTING else apart(name, known.reference, references[name])
+            for name, known in self.blocks.items()
+        }
+        d = np.concatenate(list(moved.values()))
+        N, b, M = self.information, self.vector, None
+        if exactly:
+            turns = {name: turned for name, turned in moved.items() if name.startswith(MOUNTING)}
+            at, M = self.at(turns), np.eye(d.size)
+            M[at[:, None], at], d[at] = _turned(turns)
+        Nd = N @ d
         constant = self.constant - 2.0 * float(self.vector @ d) + float(d @ Nd)
         blocks = {
             name: Known(known.reference, known.expected + turn, known.covariance)
@@ -138,7 +145,30 @@ class Equations:
             else Known(references[name], known.expected, known.covariance)
             for name, known in self.blocks.items()
         }
-        return replace(self, C_EK=C_EK, blocks=blocks, vector=self.vector - Nd, constant=constant)
+        b = b - Nd
+        N, b = (N, b) if M is None else (M.T @ N @ M, M.T @ b)
+        return replace(self, C_EK=C_EK, blocks=blocks, information=N, vector=b, constant=constant)
+
+
+def _turned(turns: Mapping[str, Array]) -> tuple[Array, Array]:
+    """How far turns x of mountings move a campaign's own ones, ``M x - d``, M (3 k, 3 k) and d (3 k,) arcsec, where
+    ``turns`` of its cameras lead from the mountings that x turns to its own.
+
+    Turns do not commute.  Its equations know the turn u of its first camera and how far each other is turned against
+    it, w of ``exp(u) exp(w)``, by their sum::
+
+        exp(u) = exp(x) exp(-t),   exp(w) = exp(t) exp(x' - x) exp(-t'),   d' = t - log(exp(t) exp(-t'))
+    """
+    t, *others = (ARCSEC * turn for turn in turns.values())
+    M, d = np.zeros((3 * len(turns), 3 * len(turns))), np.tile(t, len(turns))
+    M[:3, :3] = np.linalg.inv(so3.left_jacobian(-t))
+    for k, other in enumerate(others, start=1):
+        at = slice(3 * k, 3 * k + 3)
+        w = so3.log(so3.exp(t) @ so3.exp(-other))
+        apart = np.linalg.solve(so3.left_jacobian(w), so3.exp(t))
+        M[at, :3], M[at, at] = M[:3, :3] - apart, apart
+        d[at] -= w
+    return M, d / ARCSEC
 
 
 def _inverses(matrices: Sequence[Array]) -> list[Array]:
@@ -201,24 +231,35 @@ def cameras_of(parts: Sequence[Equations]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(name for part in parts for name in part.blocks if name.startswith(CAMERA)))
 
 
-def linked(parts: Sequence[Equations], names: Sequence[str] | None = None) -> list[Equations]:
-    """Each campaign over the blocks that others have too (``names``), about the references of the first that has
-    each."""
-    names = shared_names(parts) if names is None else names
+def linked(parts: Sequence[Equations], names: Sequence[str], found: Joint | None = None) -> list[Equations]:
+    """Each campaign over some blocks, in its own order (its first camera before others), about the mountings that were
+    ``found``, or like the other blocks about the references of the first that has each."""
+    C_0 = next(part.C_EK for part in parts if MOUNTING in part.blocks) if found is None else found.C_EK
     first: dict[str, Array] = {}
+    if found is not None:
+        turns = zip(found.cameras, so3.log(found.C_EC) / ARCSEC, strict=True)
+        first = {f"{CAMERA}{camera}]": turn for camera, turn in turns}
     for part in parts:
         first |= {name: known.reference for name, known in part.blocks.items() if name not in first}
-    C_0 = next(part.C_EK for part in parts if MOUNTING in part.blocks)
-    few = [part.only([name for name in names if name in part.blocks]) for part in parts]
+    wanted = set(names)
+    few = [part.only([name for name in part.blocks if name in wanted]) for part in parts]
     turns = so3.log(np.array([part.C_EK for part in few]) @ C_0.T) / ARCSEC
-    return [part.about(C_0, first, turn) for part, turn in zip(few, turns, strict=True)]
+    exactly = found is not None
+    return [part.about(C_0, first, turn, exactly=exactly) for part, turn in zip(few, turns, strict=True)]
 
 
 def joint(parts: Sequence[Equations], *, mounting_known: bool = True) -> Joint:
     """The solution of campaigns whose blocks of one name are one unknown; what is known of such a block is taken from
     the first campaign that states it.  ``mounting_known`` False leaves out what is known of the mounting."""
-    cameras = cameras_of(parts)
-    few = linked(parts, (*shared_names(parts), *cameras))
+    names = (*shared_names(parts), *cameras_of(parts))
+    found = _solved(parts, linked(parts, names), mounting_known)
+    # turns of several cameras do not commute: about where they are they are small
+    return _solved(parts, linked(parts, names, found), mounting_known) if found.cameras else found
+
+
+def _solved(parts: Sequence[Equations], few: Sequence[Equations], mounting_known: bool) -> Joint:
+    """Of campaigns from the ``few`` blocks that count, about common references."""
+    cameras = cameras_of(few)
     blocks: dict[str, Known] = {}
     for part in few:
         for name, known in part.blocks.items():
