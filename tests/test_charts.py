@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from starplumb.report.amounts import Histogram, Interval, bars, histogram, histograms, intervals, lines
-from starplumb.report.charts.chart import Arrows, Axis, Chart, Dots
+from starplumb.report.charts.chart import Arrows, Axis, Chart, Dots, span
 from starplumb.report.charts.library import figure_of
 from starplumb.report.charts.ticks import ticks
 from starplumb.report.charts.vector import FONT, svg_text
@@ -35,6 +35,7 @@ def days(*date):
         (Axis("", 12000.0, 0.0 + 12010.0), 5, ["12000", "12002", "12004", "12006", "12008", "12010"]),
         (Axis("", 0.5, 2000.0, log=True), 9, ["1", "10", "100", "1000"]),
         (Axis("", 44.0, 170.0, log=True), 9, ["50", "100"]),
+        (Axis("", 54.0, 160.0, log=True), 9, ["60", "70", "80", "90", "100"]),
         (Axis("", 0.8, 30.0, log=True), 9, ["1", "2", "5", "10", "20"]),
         (Axis("", -0.5, 3.5, names=("a", "b", "c", "d")), 2, ["a", "c"]),
         (Axis("", days(2024, 11, 20), days(2026, 2, 3), dates=True), 6, [*(f"2025-{m}" for m in QUARTERS), "2026-01"]),
@@ -186,3 +187,12 @@ def test_the_library_draws_the_same(rng):
             assert axes.get_xlabel() == chart.x.label
             if not chart.equal:
                 assert sorted(axes.get_xlim()) == pytest.approx([chart.x.low, chart.x.high])
+
+
+@pytest.mark.parametrize(("value", "width"), [(47.66342, 4.766342), (3e-13, 1.0), (0.0, 1.0), (-2.0, 0.2)])
+def test_values_that_are_alike_have_an_axis_with_ticks_that_differ(value, width):
+    """As 500 campaigns at one place of the orbit have: rounding is no span."""
+    low, high = span([np.full(5, value) * (1.0 + 1e-15 * np.arange(5))])
+    assert high - low == pytest.approx(1.1 * width)
+    _, names = ticks(Axis("", low, high), 6)
+    assert len(names) == len(set(names)) > 2

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import subprocess
 from html import unescape
@@ -18,6 +19,7 @@ from rigs import FORE, rig_truth
 from starplumb.io.campaign.read import load_campaign
 from starplumb.io.campaign.write import write_campaign
 from starplumb.report.imagery.measurement import measurement_page
+from starplumb.report.page import Page, Section, Table, render
 from starplumb.report.pdf import BROWSERS
 from starplumb.session.campaign import Campaign
 from test_cameras import delivered
@@ -135,3 +137,19 @@ def test_pages_fit_a_telephone_by_their_own_words() -> None:
     page = budget_page(sp.budget(sp.scenario("two-images")).document)
     assert '<meta name="viewport" content="width=device-width, initial-scale=1">' in page
     assert page.count("<table") == page.count('<div class="scroll"') > 0
+
+
+def test_cells_have_signs_and_times_that_do_not_break():
+    """A minus before a number; none in a name, a date or an exponent; a time stays on its line on a phone."""
+    row = ("2026-03-25T09:59:47", "site-1", "-20.0", "-301.8 ± 2.4", "1e-05", "-0.5 to -0.1")
+    table = Table("c", ("a",) * len(row), [row], text_columns=2)
+    text = render(Page("t", "s", "b", "good", (Section("x", "X", tables=(table,)),)))
+    cells = re.findall(r"<t[dh](?: scope=\"row\")?(?: class=\"([^\"]*)\")?>([^<]*)</t[dh]>", text)
+    assert cells == [
+        ("time", "2026-03-25T09:59:47"),
+        ("text", "site-1"),
+        ("", "−20.0"),
+        ("", "−301.8 ± 2.4"),
+        ("", "1e-05"),
+        ("", "−0.5 to −0.1"),
+    ]

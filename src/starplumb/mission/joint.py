@@ -237,8 +237,8 @@ def linked(parts: Sequence[Equations], names: Sequence[str], found: Joint | None
     C_0 = next(part.C_EK for part in parts if MOUNTING in part.blocks) if found is None else found.C_EK
     first: dict[str, Array] = {}
     if found is not None:
-        turns = zip(found.cameras, so3.log(found.C_EC) / ARCSEC, strict=True)
-        first = {f"{CAMERA}{camera}]": turn for camera, turn in turns}
+        there = zip(found.cameras, so3.log(found.C_EC) / ARCSEC, strict=True)
+        first = {f"{CAMERA}{camera}]": turn for camera, turn in there}
     for part in parts:
         first |= {name: known.reference for name, known in part.blocks.items() if name not in first}
     wanted = set(names)

@@ -7,8 +7,10 @@ script run; nothing is lost without it.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -155,6 +157,8 @@ def render(page: Page) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    environment.tests["time"] = re.compile(r"\d{4}-\d\d-\d\d(T[\d:.]+)?").fullmatch
+    environment.filters["signed"] = partial(re.compile(r"(?<![\w.)])-(?=\d)").sub, "−")
     template = environment.get_template("page.html.j2")
     sections = [section for section in page.sections if not section.empty]
     script = (files("starplumb.report") / "templates" / "page.js").read_text(encoding="utf-8")

@@ -143,12 +143,17 @@ class Chart:
 
 
 def span(values: Sequence[Array], margin: float = 0.05, least: float = 0.0) -> tuple[float, float]:
-    """Ends of an axis that holds all finite values with a margin, at least ``least`` wide; (0, 1) for none."""
+    """Ends of an axis that holds all finite values with a margin, at least ``least`` wide; (0, 1) for none.
+
+    Where all values are alike but for rounding it is a tenth of them wide, or 1.
+    """
     found = [v[np.isfinite(v)] for v in values]
     whole = np.concatenate(found) if found else np.empty(0)
     if not whole.size:
         return 0.0, 1.0
     low, high = float(whole.min()), float(whole.max())
-    room = max(high - low, least, 1e-9 * max(abs(low), abs(high)), 1e-12)
+    size = max(abs(low), abs(high))
+    alike = high - low <= max(1e-9 * size, 1e-12)
+    room = max(least, (0.1 * size if size > 1e-12 else 1.0) if alike and not least else high - low)
     middle, half = 0.5 * (low + high), (0.5 + margin) * room
     return middle - half, middle + half

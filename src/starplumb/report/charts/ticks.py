@@ -24,8 +24,12 @@ def ticks(axis: Axis, most: int) -> tuple[Array, tuple[str, ...]]:
         powers = np.arange(np.ceil(low - 1e-9), np.floor(high + 1e-9) + 1)
         places = 10.0**powers
         if powers.size < FEW:
-            finer = np.outer(10.0 ** np.arange(np.floor(low), np.ceil(high) + 1), FINER).ravel()
-            places = finer[(finer >= axis.low) & (finer <= axis.high)]
+            each = 10.0 ** np.arange(np.floor(low), np.ceil(high) + 1)
+            for parts in (FINER, np.arange(1.0, 10.0)):
+                finer = np.outer(each, parts).ravel()
+                places = finer[(finer >= axis.low) & (finer <= axis.high)]
+                if places.size > 1:
+                    break
         return places, tuple(f"{place:g}" for place in places)
     if axis.dates:
         return _dates(axis, most)
