@@ -60,6 +60,17 @@ def test_where_the_correlation_of_all_does_not_stand_out_a_match_lies_where_that
     assert "px from where the part that is seen is most alike" in reason
 
 
+def test_a_match_that_explains_little_needs_a_correlation_that_stands_out(rng):
+    ground = Blobs.draw(rng)
+    piece, window = piece_of(ground), clouded(rng, ground, (0.3, -0.2))
+    found, _ = matched(piece, window, FAINT)
+    little = replace(found, agreement=0.45, kept=0.9)
+    verdict, reason = chips.unlikely(little, FAINT)
+    assert (verdict, reason) == (Verdict.NO_MATCH, "like the reference to 0.45 only")
+    assert chips.unlikely(little, replace(looked_for(piece, window)[0], height=9.0)) is None
+    assert chips.unlikely(replace(little, agreement=-0.55), FAINT) is None
+
+
 def test_a_window_of_another_place_is_refused_in_every_way(rng):
     piece = piece_of(Blobs.draw(rng))
     refused = []

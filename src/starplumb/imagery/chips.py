@@ -39,8 +39,9 @@ cloud begins."""
 LEAST_AGREEING = 0.15
 LEAST_KEPT = 0.15
 """Parts of a chip's pixels that must agree at first, and bear weight in the end."""
-LEAST_AGREEMENT = 0.4
-"""Weighted correlation of window and template that a match must have."""
+LEAST_AGREEMENT, LEAST_AGREEMENT_ALONE = 0.4, 0.5
+"""Weighted correlation of window and template that a match must have, and where no orientation correlation that stands
+out speaks for it."""
 LEAST_TOLD = 0.05
 """Part of the window's power, its pixels without weight included, that the template must explain."""
 MOST_APART_PX, MOST_APART_IN_PART_PX = 1.0, 0.6
@@ -248,7 +249,7 @@ def unlikely(found: Match, peak: Peak) -> Refusal | None:
     """Why a match is not to be believed by what it says of itself; None where it is."""
     sigma = float(np.sqrt(np.linalg.eigvalsh(found.covariance_px2)[-1]))
     agreement = abs(found.agreement)
-    if agreement < LEAST_AGREEMENT:
+    if agreement < (LEAST_AGREEMENT if peak.height > STANDS else LEAST_AGREEMENT_ALONE):
         return Verdict.NO_MATCH, f"like the reference to {agreement:.2f} only"
     if found.kept < LEAST_KEPT or agreement**2 * found.kept < LEAST_TOLD:
         return Verdict.CHANGED, f"like the reference in {100.0 * found.kept:.0f} % of its pixels only"

@@ -16,7 +16,7 @@ from ..imagery.drawn.render import Sensor, View, picture
 from ..imagery.drawn.sheet import Sheet
 from ..imagery.drawn.sky import Sky
 from ..physics import so3
-from ..physics.camera import FrameCamera
+from ..physics.camera import Camera, FrameCamera, LineScanCamera
 from ..physics.earth import geodetic_to_itrf, itrf_to_geodetic
 from ..physics.light import Corrections
 from ..physics.orientation import EarthOrientation
@@ -73,10 +73,13 @@ class DrawnDemo:
     dem: Terrain
 
 
-def drawn_demo(seed: int = 1) -> DrawnDemo:
-    """Four images of one site from one pass, half of them turned by 90 deg, under cloud, with changed ground."""
+def drawn_demo(seed: int = 1, line_period_s: float = 0.0) -> DrawnDemo:
+    """Four images of one site from one pass, half of them turned by 90 deg, under cloud, with changed ground.
+
+    With a line period they are those of a line scanner, half of them turned by 180 deg.
+    """
     rng = np.random.default_rng(seed)
-    truth, plane = _flown()
+    truth, plane = _flown(line_period_s)
     ground = Ground(seed, 0.6 * PIXEL_M)
     terrain = relief(seed, plane, (-EDGE_M, EDGE_M), (-EDGE_M, EDGE_M), POST_M, LOW_M, HILLS_M)
     now = Sheet.of(ground, REACH_M + RIM_M, THEN, SPACING)
@@ -104,7 +107,14 @@ def _corner(plane: Plane, x: Array) -> tuple[tuple[float, float], tuple[float, f
     return corner, (float(np.ptp(longitude)) / DEG, float(np.ptp(latitude)) / DEG)
 
 
-def _flown() -> tuple[Campaign, Plane]:
+def _camera(scans: bool) -> Camera:
+    middle = 0.5 * (SIZE_PX - 1.0)
+    if scans:
+        return LineScanCamera.from_optics(FOCAL_M, PITCH_M, (middle, 0.0), SIZE_PX, rows=SIZE_PX)
+    return FrameCamera(FOCAL_M, PITCH_M, (middle, middle), (SIZE_PX, SIZE_PX))
+
+
+def _flown(line_period_s: float) -> tuple[Campaign, Plane]:
     """The true campaign, and the plane about the site that its images aim at."""
     orientation = EarthOrientation.load()
     epoch_ns = int(parse([EPOCH], "UTC")[0])
@@ -114,14 +124,21 @@ def _flown() -> tuple[Campaign, Plane]:
     latitude, longitude, _ = itrf_to_geodetic(below + 50e3 * aside)
     plane = Plane(float(latitude[0]), float(longitude[0]))
     site = geodetic_to_itrf(plane.latitude, plane.longitude, LOW_M + 3.0 * HILLS_M)
-    turns: Array = np.arange(TIMES_S.size, dtype=np.float64) % 2
-    flight = scene.Pass(TIMES_S, np.tile(site, (TIMES_S.size, 1)), 0.5 * np.pi * turns)
-    middle = 0.5 * (SIZE_PX - 1.0)
-    camera = FrameCamera(FOCAL_M, PITCH_M, (middle, middle), (SIZE_PX, SIZE_PX))
+    scans = line_period_s > 0.0
+    turns: Array = (np.pi if scans else 0.5 * np.pi) * (np.arange(TIMES_S.size, dtype=np.float64) % 2)
+    flight = scene.Pass(TIMES_S, np.tile(site, (TIMES_S.size, 1)), turns)
     C_EK = so3.exp(DEG * np.array([0.3, -0.8, 91.0]))
-    name = "drawn ground"
     flown = scene.photograph(
-        camera, ORBIT, orientation, epoch_ns, flight, C_EK, SIGMAS, Corrections(), name=name
+        _camera(scans),
+        ORBIT,
+        orientation,
+        epoch_ns,
+        flight,
+        C_EK,
+        SIGMAS,
+        Corrections(),
+        line_period_s,
+        "drawn ground",
     )
     return flown, plane
 

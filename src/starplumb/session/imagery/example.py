@@ -13,14 +13,16 @@ The mounting below is wrong; the true one stands in [truth], which only the disp
 Next: starplumb measure campaign.toml --calibrate"""
 
 
-def write_drawn_example(folder: Path, seed: int = 1, schema: str = "") -> tuple[Path, int]:
-    """Write the example into a folder, with a JSON schema if given; the path of its ``campaign.toml``, and how many
-    images there are.  Takes some seconds."""
+def write_drawn_example(
+    folder: Path, seed: int = 1, schema: str = "", line_period_s: float = 0.0
+) -> tuple[Path, int]:
+    """Write the example into a folder, with a JSON schema if given, that of a line scanner with a line period; the path
+    of its ``campaign.toml``, and how many images there are.  Takes some seconds."""
     from ...imagery.drawn.render import Sensor
     from ...io.drawn.write import OrthoPicture, write_imagery
     from ...plan import drawn_demo
 
-    drawn = drawn_demo.drawn_demo(seed)
+    drawn = drawn_demo.drawn_demo(seed, line_period_s)
     sigma_m = drawn_demo.SIGMAS.landmark.tolist()
     ortho = OrthoPicture(drawn.ortho, drawn.corner, drawn.step, sigma_m, drawn_demo.LENGTH_M)
     path = write_imagery(
