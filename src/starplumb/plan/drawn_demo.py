@@ -79,7 +79,7 @@ def drawn_demo(seed: int = 1, line_period_s: float = 0.0) -> DrawnDemo:
     With a line period they are those of a line scanner, half of them turned by 180 deg.
     """
     rng = np.random.default_rng(seed)
-    truth, plane = _flown(line_period_s)
+    truth, plane = flown(line_period_s)
     ground = Ground(seed, 0.6 * PIXEL_M)
     terrain = relief(seed, plane, (-EDGE_M, EDGE_M), (-EDGE_M, EDGE_M), POST_M, LOW_M, HILLS_M)
     now = Sheet.of(ground, REACH_M + RIM_M, THEN, SPACING)
@@ -114,7 +114,7 @@ def _camera(scans: bool) -> Camera:
     return FrameCamera(FOCAL_M, PITCH_M, (middle, middle), (SIZE_PX, SIZE_PX))
 
 
-def _flown(line_period_s: float) -> tuple[Campaign, Plane]:
+def flown(line_period_s: float) -> tuple[Campaign, Plane]:
     """The true campaign, and the plane about the site that its images aim at."""
     orientation = EarthOrientation.load()
     epoch_ns = int(parse([EPOCH], "UTC")[0])
