@@ -147,13 +147,17 @@ def _against(d: Document) -> tuple[Figure, ...]:
     points = d["points"]
     names = dict.fromkeys(name for p in points for name in p["temperatures_c"])
     found = [
-        (f"temperature {name}, °C", f"temperature-{i}", [p["temperatures_c"].get(name) for p in points])
+        (f"temperature {name}, °C", f"temperature-{i}", 0.1, [p["temperatures_c"].get(name) for p in points])
         for i, name in enumerate(names)
     ]
-    found.append(("argument of latitude, deg", "phase", [p["argument_of_latitude_deg"] for p in points]))
-    return tuple(
-        _scatter(d, label, name, x) for label, name, x in found if sum(value is not None for value in x) > 1
-    )
+    found.append(("argument of latitude, deg", "phase", 1.0, [p["argument_of_latitude_deg"] for p in points]))
+    return tuple(_scatter(d, label, name, x) for label, name, least, x in found if _differ(x, least))
+
+
+def _differ(given: Sequence[float | None], least: float) -> bool:
+    """Whether campaigns differ by enough for a figure that says something."""
+    told = [value for value in given if value is not None]
+    return len(told) > 1 and max(told) - min(told) >= least
 
 
 def _scatter(d: Document, label: str, name: str, given: Sequence[float | None]) -> Figure:

@@ -70,7 +70,8 @@ def _step(width: float, most: int) -> float:
 
 def _named(value: float, step: float) -> str:
     if max(abs(value), step) >= 1e7 or step < 1e-5:
-        return f"{value:.3g}".replace("-", "−")
+        digits = 3 if value == 0.0 else max(3, int(np.log10(abs(value) / step)) + 2)
+        return f"{value:.{digits}g}".replace("-", "−")
     places = max(0, -int(np.floor(np.log10(step) + 1e-9)))
     if abs(step * 10.0**places - round(step * 10.0**places)) > 1e-6:
         places += 1  # steps of two and a half
