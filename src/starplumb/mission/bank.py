@@ -143,13 +143,19 @@ class Bank:
     @property
     def state(self) -> tuple[Array, Array]:
         """Mean (..., 4 d) and covariance (..., 4 d, 4 d) of the state, averaged over the members."""
-        return _averaged(self.weights, self.x, self.P)
+        return averaged(self.weights, self.x, self.P)
 
     @property
     def mounting(self) -> tuple[Array, Array]:
         """Mean (..., d) and covariance (..., d, d) of the mounting at this time."""
+        return averaged(*self.seen)
+
+    @property
+    def seen(self) -> tuple[Array, Array, Array]:
+        """Of each member its weight (..., h), and mean (..., h, d) and covariance (..., h, d, d) of the mounting at
+        this time."""
         H = self.looks
-        return _averaged(self.weights, self.x @ H.T, H @ self.P @ H.T)
+        return self.weights, self.x @ H.T, H @ self.P @ H.T
 
     @property
     def wander(self) -> Array:
@@ -174,7 +180,7 @@ def _gain(v: Array, PH: Array, S: Array) -> tuple[Array, Array]:
     return PH @ W, -0.5 * (square + np.linalg.slogdet(S)[1])
 
 
-def _averaged(w: Array, mean: Array, P: Array) -> tuple[Array, Array]:
+def averaged(w: Array, mean: Array, P: Array) -> tuple[Array, Array]:
     """Mean (..., k) and covariance (..., k, k) of members with weights w (..., h)."""
     middle = (w[..., None, :] @ mean)[..., 0, :]
     away = mean - middle[..., None, :]

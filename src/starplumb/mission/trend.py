@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .bank import AFTER_EVENT, CHANCE, Bank
+from .bank import AFTER_EVENT, CHANCE, Bank, averaged
 from .points import Points
 
 Array = NDArray[np.float64]
@@ -70,13 +70,13 @@ def trend(t_ns: Epochs, found: Points, events_ns: Sequence[int] = ()) -> Trend:
     for event in events_ns:
         after = int(np.searchsorted(t_ns, event))
         chances[after : after + 1] = AFTER_EVENT
-    value, P, jumped = np.zeros((m, 3)), np.zeros((m, 3, 3)), np.zeros(m)
-    bank = _start(t_ns, R)
+    bank, jumped, seen = _start(t_ns, R), np.zeros(m), []
     for k in range(m):
         bank, jumped[k] = bank.at(years(t_ns, int(t_ns[k]))).observed(
             found.value_E[k], R[k], float(chances[k])
         )
-        value[k], P[k] = bank.mounting
+        seen.append(bank.seen)
+    value, P = averaged(*map(np.array, zip(*seen, strict=True)))
     jumped[0] = 0.0
     shared = np.asarray(mean @ mean.T)
     return Trend(t_ns, found, value, P + shared, jumped, bank, shared, chances)
