@@ -132,7 +132,7 @@ def test_answer_to_errors_of_images_is_that_of_the_dense_adjustment(dense):
     errors, o, _, H, M, noise, B = dense
     W = np.linalg.inv(noise + M @ B @ M.T)
     K = np.linalg.solve(H.T @ W @ H + np.linalg.inv(o.prior_E), H.T @ W)
-    np.testing.assert_allclose(np.concatenate(list(errors.gains()), axis=-1), K @ M, rtol=1e-7, atol=2e-11)
+    np.testing.assert_allclose(np.concatenate(list(errors.gains), axis=-1), K @ M, rtol=1e-7, atol=2e-11)
 
 
 def test_answer_to_errors_of_landmarks_and_pixels_is_that_of_the_dense_adjustment(dense, rng):

@@ -146,20 +146,25 @@ class Calibration:
 def calibrate(campaign: Campaign, estimator: Estimator, by_gls: Calibration | None = None) -> Calibration:
     """Estimate the mounting of a campaign from its control points and judge the answer.
 
-    A method that is not least squares is held against it, ``by_gls`` where that is at hand.  Raises EpochError where an
+    A method that is not least squares is held against it, ``by_gls`` where that is at hand; of the same campaign its
+    table and what the model mounting leaves are taken from there.  Raises EpochError where an
     image lies outside the orbit or attitude, InputError where there is nothing to use.
     """
     campaign, estimator = with_ties(campaign, estimator)
-    fit, estimate, own, verdict, used = _solved(campaign, estimator)
+    known = by_gls if by_gls is not None and by_gls.campaign is campaign else None
+    fit, estimate, own, verdict, used = _solved(campaign, estimator, known)
     if campaign.attitude_errors.session_estimated and own.usable:
-        campaign = with_session(campaign, fit)
+        campaign, known = with_session(campaign, fit), None
         fit, estimate, own, verdict, used = _solved(campaign, estimator)
     observations, unknowns = replace(fit.table, weight=np.ones(used.size)), fit.unknowns
     if own.usable:
         estimate = recognised(fit, estimate)
     tested = own.usable and estimate.unknowns is not None
     snooping = snoop(fit, estimate) if tested else None
-    traded, left = tuple(combinations(observations, estimate)), residuals(fit, used)
+    traded, left = (
+        tuple(combinations(observations, estimate)),
+        residuals(fit, used, None if known is None else known.residuals),
+    )
     surveyed = without_ties(fit, campaign.landmarks.tie)
     scatter = scatter_of(campaign, surveyed, estimate) if tested else None
     moving = moves(campaign, surveyed) if tested else None
@@ -226,10 +231,12 @@ def _reference(campaign: Campaign, used: NDArray[np.bool_], by_gls: Calibration 
 
 
 def _solved(
-    campaign: Campaign, estimator: Estimator
+    campaign: Campaign, estimator: Estimator, known: Calibration | None = None
 ) -> tuple[Fit, AlignmentEstimate, Status, NDArray[np.int64], NDArray[np.bool_]]:
-    """The adjustment at the estimate, this with its own status, the verdict on every sighting, and those used."""
-    observations, used = table_of(campaign), ~campaign.sightings.check
+    """The adjustment at the estimate, this with its own status, the verdict on every sighting, and those used; the
+    table is that of what is ``known`` of the same campaign."""
+    observations = table_of(campaign) if known is None else known.observations
+    used = ~campaign.sightings.check
     if not np.any(used):
         raise InputError(
             f"campaign {campaign.name!r} has no observation with role control; wanted at least two markers"

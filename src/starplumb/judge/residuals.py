@@ -81,9 +81,10 @@ class Residuals:
     pi_J: Array
 
 
-def residuals(fit: Fit, used: Mask) -> Residuals:
+def residuals(fit: Fit, used: Mask, known: Residuals | None = None) -> Residuals:
     """Residuals of the table of a fit as measured at its model mounting, and with its parameters applied at its state;
-    the shared errors are estimated from the sightings ``used`` (n,)."""
+    the shared errors are estimated from the sightings ``used`` (n,).  Those at the model mounting are the ``known``
+    ones of another answer to the same table."""
     o = fit.table
     shared = fit.problem(o if np.all(used) else o.select(used)).shared_errors()
     px, m = [np.empty((o.n, 2)) for _ in range(3)], [np.empty((o.n, 2)) for _ in range(2)]
@@ -92,14 +93,16 @@ def residuals(fit: Fit, used: Mask) -> Residuals:
         ground, image = _Ground.of(measured.p_J), measured.image
         shift_J = shared.rho_J[image] - shared.pi_J[measured.landmark]
         turned, moved = model.H @ shared.alpha_E[image, :, None], model.R @ shift_J[..., None]
-        px[0][rows] = residual_px(measured, fit.C_EK_model)
+        if known is None:
+            px[0][rows] = residual_px(measured, fit.C_EK_model)
+            m[0][rows] = ground.error(measured, fit.C_EK_model)
         px[1][rows] = model.z_px
         px[2][rows] = model.z_px - (moved - turned)[..., 0]
-        m[0][rows] = ground.error(measured, fit.C_EK_model)
         m[1][rows] = ground.error(applied, fit.state.C_EK)
     normalised = pixel_distance(px[2], o.sigma_px, o.ellipse)
     errors = shared.alpha_E, shared.rho_J, shared.pi_J
-    return Residuals(used, px[0], px[1], px[2], normalised, m[0], m[1], *errors)
+    before = (px[0], m[0]) if known is None else (known.before_px, known.before_m)
+    return Residuals(used, before[0], px[1], px[2], normalised, before[1], m[1], *errors)
 
 
 def rms(values: Array) -> float:

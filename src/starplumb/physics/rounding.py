@@ -20,15 +20,24 @@ def decimal_step(values: Array, fuzz: float = 0.0) -> float:
     x = np.asarray(values, dtype=np.float64).reshape(-1)
     if x.size == 0:
         return 0.0
+    largest = np.max(np.abs(x))
     for digits in range(MOST_DECIMALS + 1):
-        y = x * 10.0**digits
-        slack = np.maximum(8.0 * np.spacing(np.abs(y)), fuzz * 10.0**digits)
-        if np.max(slack) > 0.05:
+        if _slack(largest, digits, fuzz) > 0.05:
             return 0.0
-        few = y[:64], slack[:64]
-        if np.all(np.abs(few[0] - np.rint(few[0])) <= few[1]) and np.all(np.abs(y - np.rint(y)) <= slack):
+        if _multiples(x[:64], digits, fuzz) and _multiples(x, digits, fuzz):
             return float(10.0**-digits)
     return 0.0
+
+
+def _multiples(x: Array, digits: int, fuzz: float) -> bool:
+    """Whether all values are whole numbers of a step of so many decimals."""
+    y = x * 10.0**digits
+    return bool(np.all(np.abs(y - np.rint(y)) <= _slack(x, digits, fuzz)))
+
+
+def _slack(x: Array, digits: int, fuzz: float) -> Array:
+    """How far from a whole number of steps a value may be."""
+    return np.asarray(np.maximum(8.0 * np.spacing(np.abs(x * 10.0**digits)), fuzz * 10.0**digits))
 
 
 def time_step(t_ns: Epochs) -> float:

@@ -16,7 +16,9 @@ Rows = slice | Index
 LARGE = 10_000
 """A table of more sightings than this is adjusted in chunks..."""
 MANY = 60
-"""...and so is one with more landmarks than this seen more than once: their errors are then a sparse system."""
+"""...and so is one with more landmarks than this seen more than once: their errors are then a sparse system..."""
+APART = 2_000
+"""...and one of more sightings than this that share no landmark, which needs no sparse system."""
 CHUNK = 4_096
 """Sightings of a chunk: with all that is computed from them they fit the processor's cache."""
 SAMPLE = 30_000
@@ -32,7 +34,8 @@ def in_chunks(o: Observations) -> bool:
     """Whether a table is adjusted in chunks: it is large and has no batch axes."""
     if o.batch or not o.cov_attitude_E.ndim == o.cov_position_J.ndim == o.cov_landmark_J.ndim == 3:
         return False
-    return o.n > LARGE or repeated_landmarks(o).size > MANY
+    repeated = repeated_landmarks(o).size
+    return o.n > LARGE or repeated > MANY or (o.n > APART and repeated == 0)
 
 
 def sampled(o: Observations) -> bool:

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,6 +94,7 @@ class ImageErrors:
         prior = self.observations.prior_E
         return np.asarray(N if prior is None else N + np.linalg.inv(prior))
 
+    @cached_property
     def gains(self) -> Array:
         """G (m, 3, 6): the alignment's error by an error (alpha_E, rho_J) of each image."""
         C, _ = self.reduced(self.stated)
@@ -125,12 +127,12 @@ class ImageErrors:
 
     def by_images(self, further: Array) -> Array:
         """Covariance (3, 3) rad^2 that independent image errors (m, 6, 6) add to the alignment."""
-        G = self.gains()
+        G = self.gains
         return np.asarray(np.sum(G @ further @ G.mT, axis=0))
 
     def by_common(self, moves: Array) -> Array:
         """What one error common to all images does to the alignment (3,), given what it is in each, (m, 6)."""
-        return np.asarray(np.einsum("mij,mj->i", self.gains(), moves))
+        return np.asarray(np.einsum("mij,mj->i", self.gains, moves))
 
     def by_own(self, further: OwnErrors) -> Array:
         """Covariance (3, 3) rad^2 that further errors of landmarks and pixels add to the alignment."""

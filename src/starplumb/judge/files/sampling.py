@@ -69,7 +69,7 @@ def _watched(campaign: Campaign, errors: ImageErrors) -> Iterator[Watched]:
     s, attitude, names = campaign.sightings, campaign.attitude, campaign.images.ids
     rows = np.flatnonzero(errors.observations.weight > 0.0)
     epochs = campaign.images.exposed(s.image[rows], s.row_px[rows])
-    image, t_ns = np.unique(np.stack([s.image[rows], epochs]), axis=1)
+    image, t_ns = _distinct(s.image[rows], epochs)
     if not isinstance(attitude, FusedAttitude):
         variance = np.diagonal(campaign.cov_attitude_E, axis1=-2, axis2=-1)
         sigma = np.broadcast_to(np.sqrt(variance), (len(names), 3))[image]
@@ -79,6 +79,15 @@ def _watched(campaign: Campaign, errors: ImageErrors) -> Iterator[Watched]:
         part = tracker.C_EA / len(attitude.trackers)
         sigma = np.maximum(tracker.sigma_A(t_ns), LEAST_SIGMA)
         yield Watched(tracker.attitude, part, image, t_ns, sigma, names)
+
+
+def _distinct(image: Index, t_ns: Epochs) -> tuple[Index, Epochs]:
+    """Each pair of an image and an epoch once, in their order (``np.unique`` of columns takes ten times as long)."""
+    order = np.lexsort((t_ns, image))
+    image, t_ns = image[order], t_ns[order]
+    first = np.ones(image.size, dtype=np.bool_)
+    first[1:] = (np.diff(image) != 0) | (np.diff(t_ns) != 0)
+    return image[first], t_ns[first]
 
 
 def _shared(errors: ImageErrors, image: Index, angle_E: Array) -> Array:

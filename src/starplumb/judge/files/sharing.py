@@ -67,7 +67,7 @@ def close_in_time(campaign: Campaign, errors: ImageErrors, covariance_E: Array) 
 
 def _if_shared(errors: ImageErrors, order: Index, group: Index, kinds: tuple[slice, ...]) -> Array:
     """Covariance (3, 3) of the alignment by stated image errors, if images of one group had one draw in common."""
-    G, total = errors.gains()[order], np.zeros((3, 3))
+    G, total = errors.gains[order], np.zeros((3, 3))
     first = np.unique(group, return_index=True)[1]
     for part in kinds:
         sums = np.zeros((first.size, 3, 3))
