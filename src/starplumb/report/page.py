@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -19,6 +19,7 @@ from ..io.text.visible import visible
 from .text import counted
 
 if TYPE_CHECKING:
+    from jinja2 import Template
     from matplotlib.figure import Figure as Drawing
 
     from .cards import Card
@@ -144,6 +145,15 @@ def is_page(path: Path) -> bool:
 
 def render(page: Page) -> str:
     """The page as HTML text; the same for the same page, whenever and wherever it is rendered."""
+    template, script, digest = _template()
+    sections = [section for section in page.sections if not section.empty]
+    text = template.render(page=page, sections=sections, version=__version__, script=script, digest=digest)
+    return visible(text) + "\n"
+
+
+@cache
+def _template() -> tuple[Template, str, str]:
+    """The template of all pages, their script and its digest."""
     from base64 import b64encode
     from hashlib import sha256
     from importlib.resources import files
@@ -159,9 +169,6 @@ def render(page: Page) -> str:
     )
     environment.tests["time"] = re.compile(r"\d{4}-\d\d-\d\d(T[\d:.]+)?").fullmatch
     environment.filters["signed"] = partial(re.compile(r"(?<![\w.)])-(?=\d)").sub, "−")
-    template = environment.get_template("page.html.j2")
-    sections = [section for section in page.sections if not section.empty]
     script = (files("starplumb.report") / "templates" / "page.js").read_text(encoding="utf-8")
     digest = b64encode(sha256(script.encode()).digest()).decode()
-    text = template.render(page=page, sections=sections, version=__version__, script=script, digest=digest)
-    return visible(text) + "\n"
+    return environment.get_template("page.html.j2"), script, digest

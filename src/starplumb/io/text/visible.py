@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 OBEYED = frozenset(
     {
         *set(range(0x20)) - set(b"\n\t"),
@@ -15,8 +17,9 @@ OBEYED = frozenset(
 _SHOWN = {code: f"\\x{code:02x}" if code < 0x100 else f"\\u{code:04x}" for code in OBEYED}
 IN_NAME = f"[{''.join(map(chr, sorted(OBEYED)))}]"
 """A regular expression for what no name in a table may hold: it would be obeyed wherever that name is written."""
+_obeyed = re.compile(IN_NAME)
 
 
 def visible(text: str) -> str:
     """``text`` with such characters as Python would write them."""
-    return text.translate(_SHOWN)
+    return text.translate(_SHOWN) if _obeyed.search(text) else text
