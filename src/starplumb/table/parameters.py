@@ -12,7 +12,6 @@ from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
-from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
 from ..physics import so3
@@ -230,6 +229,8 @@ class LookAngles:
 
     def _basis(self, xy_K: Array) -> tuple[Array, Array]:
         """Changes of (tan_x, tan_y) by unit values (..., n, 2, s), and their slope by the column."""
+        from numpy.polynomial import legendre
+
         c = self.camera
         column = c.px_from_tan(xy_K)[..., 0]
         half = 0.5 * (c.column_px[-1] - c.column_px[0])

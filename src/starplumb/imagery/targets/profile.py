@@ -31,7 +31,7 @@ def picture(
 
 def _gathered(centre: Array, width: float, size: int) -> tuple[Array, Array, Array]:
     """What each pixel (k, size) gathers along an axis, and that by the centre and by the width."""
-    from scipy.special import ndtr
+    from ...solve.probability import ndtr
 
     edge = (np.arange(size + 1) - 0.5 - centre[:, None]) / width
     density = np.exp(-0.5 * edge**2) / np.sqrt(2.0 * np.pi)

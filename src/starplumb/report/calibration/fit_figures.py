@@ -95,7 +95,7 @@ def normality(c: Calibration) -> tuple[Figure, ...]:
 
 def _quantiles(z: Array) -> Figure:
     """The quantiles against those of the normal law, with the band of 95 % of samples of so many independent ones."""
-    from scipy.special import betaincinv, ndtri
+    from ...solve.probability import betaincinv, ndtri
 
     z = np.sort(z)
     rank = np.arange(1.0, z.size + 1.0)
