@@ -20,7 +20,8 @@ from ..formats.series_tables import AttitudeTable, EphemerisTable
 from ..tables.cells import Array
 from ..tables.columns import CARTESIAN
 from ..tables.keys import TimedKeys
-from ..tables.read import Epochs, Frame, Table, TableSource, epochs, read_table
+from ..tables.read import Epochs, Frame, Table, TableSource, read_table
+from ..tables.rising import Rising, increasing
 from ..text.files import show
 from ..text.frames import EarthFrame, earth_frame
 from ..text.numbers import SIGMA_WORDS, is_sigma
@@ -141,14 +142,25 @@ def _ephemeris_table(source: TableSource, config: EphemerisConfig, scale: str) -
             f"{source}: found a table beside ephemeris.object, wanted it where the file names its satellites"
         )
     declared, units = config.declared("ephemeris"), config.units
+
+    def require_orbit(table: Table) -> None:
+        for names, unit in ((CARTESIAN, units.metres), (VELOCITY, units.metres_a_second)):
+            table.numbers.update(
+                {name: unit * table.numbers[name] for name in names if name in table.numbers}
+            )
+        require_radius(table, table.columns(*CARTESIAN), ORBIT_RADIUS_M, "an orbit, from the Earth's centre")
+
     table = read_table(
-        source, texts=("time",), numbers=CARTESIAN, optional_numbers=VELOCITY, declared=declared
+        source,
+        texts=("time",),
+        numbers=CARTESIAN,
+        optional_numbers=VELOCITY,
+        declared=declared,
+        each=Rising(scale, require_orbit),
     )
-    for names, unit in ((CARTESIAN, units.metres), (VELOCITY, units.metres_a_second)):
-        table.numbers.update({name: unit * table.numbers[name] for name in names if name in table.numbers})
-    require_radius(table, table.columns(*CARTESIAN), ORBIT_RADIUS_M, "an orbit, from the Earth's centre")
+    require_orbit(table)
     return EphemerisTable(
-        _increasing(table, scale),
+        increasing(table, scale),
         r=table.columns(*CARTESIAN),
         v=table.columns(*VELOCITY) if table.has(*VELOCITY) else None,
         frame=config.frame,
@@ -203,18 +215,6 @@ def _require_speed(source: TableSource, table: EphemerisTable) -> None:
         )
 
 
-def _increasing(table: Table, scale: str) -> Epochs:
-    """Epochs of a table, each later than the one before."""
-    t_ns = epochs(table, scale)
-    late = np.diff(t_ns) <= 0
-    if late.any():
-        row = int(np.argmax(late)) + 1
-        again = "again" if t_ns[row] == t_ns[row - 1] else f"after {show(table.texts['time'][row - 1])}"
-        found = f"{show(table.texts['time'][row])} {again} (row {table.row_number(row - 1)})"
-        raise InputError(f"{table.where(row, 'time')}: found {found}, wanted times that increase")
-    return t_ns
-
-
 def _attitude_table(
     source: TableSource, config: AttitudeConfig, scale: str, notices: list[str], key: str
 ) -> AttitudeSamples:
@@ -224,25 +224,30 @@ def _attitude_table(
         numbers=QUATERNION,
         optional_numbers=SIGMA_ATTITUDE,
         declared=config.declared(key),
+        each=Rising(scale, _require_attitude),
     )
     notices += table.notices
-    t_ns = _increasing(table, scale)
+    t_ns = increasing(table, scale)
+    _require_attitude(table)
     q = table.columns(*QUATERNION)
-    norm = np.linalg.norm(q, axis=-1)
+    sigma = ARCSEC * table.columns(*SIGMA_ATTITUDE) if table.has(*SIGMA_ATTITUDE) else None
+    step = decimal_step(q)
+    q, frame = _to_tracker(q / np.linalg.norm(q, axis=-1)[:, None], config.source, config.target)
+    return AttitudeSamples(t_ns, q, frame, sigma, str(source), quaternion_step=step)
+
+
+def _require_attitude(table: Table) -> None:
+    """Raise InputError for a quaternion that is no rotation, and a sigma that is none."""
+    norm = np.linalg.norm(table.columns(*QUATERNION), axis=-1)
     off = np.abs(norm - 1.0) > UNIT_TOLERANCE
     if off.any():
         row = int(np.argmax(off))
         where = table.where(row, *QUATERNION)
         raise InputError(f"{where}: found a quaternion of norm {norm[row]:.6g}, wanted norm 1")
-    sigma = None
     if table.has(*SIGMA_ATTITUDE):
         for name in SIGMA_ATTITUDE:
             wanted = f"a positive number of arcseconds, {SIGMA_WORDS}"
             table.require(is_sigma(table.numbers[name], exact=False), name, wanted)
-        sigma = ARCSEC * table.columns(*SIGMA_ATTITUDE)
-    step = decimal_step(q)
-    q, frame = _to_tracker(q / norm[:, None], config.source, config.target)
-    return AttitudeSamples(t_ns, q, frame, sigma, str(source), quaternion_step=step)
 
 
 def _standard_attitude(

@@ -30,33 +30,49 @@ MOST_HELD = 100_000_000
 """Bytes of a table from which its values are forgotten until the whole file is known to be sound."""
 
 
-def read_csv(path: Path, schema: Schema, most: int = MOST_TABLE, quick: bool = True) -> Columns:
+Piecewise = Callable[[Columns | None], None]
+"""What looks at the rows of a file, some at a time; None stands behind the last."""
+
+
+def read_csv(
+    path: Path,
+    schema: Schema,
+    most: int = MOST_TABLE,
+    quick: bool = True,
+    most_rows: int | None = None,
+    each: Piecewise | None = None,
+) -> Columns:
     """The columns of a file. Raises InputError naming the file and, where there is one, the row and column.
 
     With ``quick`` PyArrow reads of a large file what it reads alike.  What such a file holds is kept only when all of
-    it is known to be sound, so that a fault at its end is found before memory is filled.
+    it is known to be sound, so that a fault at its end is found before memory is filled; ``each`` then looks at its
+    rows, piece by piece.
     """
     with _collector_paused():
-        found = _columns(_Walk(path, schema, most, quick), MOST_HELD)
+        found = _columns(_Walk(path, schema, most, quick), MOST_HELD, most_rows, each)
         if found is None:
-            found = _columns(_Walk(path, schema, most, quick), most)
+            found = _columns(_Walk(path, schema, most, quick), most, most_rows)
     assert found is not None
     return found
 
 
-def _columns(walk: _Walk, held: int) -> Columns | None:
-    """What a walk finds; None for a sound file of more bytes than may be ``held``."""
+def _columns(walk: _Walk, held: int, most_rows: int | None, each: Piecewise | None = None) -> Columns | None:
+    """What a walk finds; None for a sound file of more bytes than may be ``held``, at which ``each`` has looked."""
     parts, rows, schema = list[Part](), 0, walk.schema
     for part in walk.parts():
         rows += len(part.line)
+        require_rows(walk.path, rows, most_rows)
         parts.append(part)
         if walk.size > held:
-            parts.clear()
+            _look(walk, parts, each)
     if not rows and walk.rows:
         raise none_kept(str(walk.path), schema)
     if not (rows or schema.may_be_empty):
         raise InputError(f"{walk.path}: found a header without rows below it, wanted at least one row")
     if walk.size > held:
+        _look(walk, parts, each)
+        if each is not None:
+            each(None)
         return None
     numbers = {
         name: np.concatenate([*(part.numbers[name] for part in parts), np.empty(0)])
@@ -64,6 +80,21 @@ def _columns(walk: _Walk, held: int) -> Columns | None:
     }
     texts = {name: joined([part.texts[name] for part in parts]) for name in walk.texts}
     return Columns(walk.header, numbers, texts, rows, _line_of(parts), walk.rows - rows)
+
+
+def require_rows(name: object, rows: int, most: int | None) -> None:
+    """Raise InputError where a table has more rows than may be."""
+    if most is not None and rows > most:
+        raise InputError(f"{name}: found more than {most:,} rows, wanted fewer")
+
+
+def _look(walk: _Walk, parts: list[Part], each: Piecewise | None) -> None:
+    """Have rows looked at, and forget them."""
+    if each is not None:
+        for part in parts:
+            numbers, texts = dict(part.numbers), dict(part.texts)
+            each(Columns(walk.header, numbers, texts, len(part.line), part.line.__getitem__))
+    parts.clear()
 
 
 def _line_of(parts: Sequence[Part]) -> Callable[[int], int]:

@@ -17,9 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...physics.errors import EpochError, InputError
+from . import csv_tables
 from .arrow import TextColumn, binary_format, columns_of_table, read_binary, table_of
 from .cells import Array, Columns, as_found, found_error
-from .csv_tables import MOST_TABLE, read_csv
+from .csv_tables import MOST_TABLE, read_csv, require_rows
 from .declared import UNDECLARED, Declared, Times
 from .schema import Schema
 
@@ -150,6 +151,10 @@ class Table:
         return replace(self, numbers=self.numbers | whole) if whole else self
 
 
+Piecewise = Callable[[Table | None], None]
+"""What looks at the rows of a table, some at a time; None stands behind the last."""
+
+
 def read_table(
     source: TableSource,
     *,
@@ -163,12 +168,15 @@ def read_table(
     instead: Mapping[str, Sequence[str]] = MappingProxyType({}),
     unknown: Sequence[str] = (),
     most: int = MOST_TABLE,
+    most_rows: int | None = None,
+    each: Piecewise | None = None,
 ) -> Table:
     """The columns asked for, by the names that are ``declared``; others are passed over with a notice.
 
     Number columns ``like`` a pattern are taken where they are there, and so are those that stand ``instead`` of one;
     in those that may be ``unknown`` an empty cell is NaN, and one may be ``inf``.  A CSV file of more than ``most``
-    bytes is refused.
+    bytes is refused, and a table of more than ``most_rows``.  Of a CSV file that fills the memory ``each`` is first
+    given all rows, some at a time, and then None, to refuse what will be refused.
 
     A file may be CSV (UTF-8, commas, any line ends; blank lines and leading ``#`` lines are passed over), Parquet or
     Arrow, which its content tells. Raises InputError naming the table and, where there are such, row and column.
@@ -185,7 +193,30 @@ def read_table(
         unknown=unknown,
     )
     schema = declared.schema(asked, str(source))
-    found = _columns(source, schema, most)
+
+    names = (*numbers, *optional_numbers, *(name for others in instead.values() for name in others))
+
+    def of(found: Columns) -> Table:
+        return _named(source, declared, schema, found, names, (*texts, *optional_texts))
+
+    def look(found: Columns | None) -> None:
+        if each is not None:
+            each(None if found is None else of(found))
+
+    found = _columns(source, schema, most, most_rows, None if each is None else look)
+    require_rows(source, found.rows, most_rows)
+    return of(found)
+
+
+def _named(
+    source: TableSource,
+    declared: Declared,
+    schema: Schema,
+    found: Columns,
+    asked: Sequence[str],
+    words: Sequence[str],
+) -> Table:
+    """Columns by our names, those of numbers and of texts that are asked for, and what the user should know."""
     ignored = schema.ignored(found.header)
     s = "s" * (len(ignored) > 1)
     notices = [f"{source}: ignored the column{s} {', '.join(ignored)}"] if ignored else []
@@ -194,19 +225,13 @@ def read_table(
             f"{source}: left out {found.left_out} of {found.left_out + found.rows} rows by {declared.key}.keep"
         )
     by_ours = {
-        name: found.numbers[declared.name(name)]
-        for name in (*numbers, *optional_numbers, *(name for others in instead.values() for name in others))
-        if declared.name(name) in found.numbers
+        name: found.numbers[declared.name(name)] for name in asked if declared.name(name) in found.numbers
     }
     by_ours |= {name: x for name, x in found.numbers.items() if schema.alike(name)}
-    words = {
-        name: found.texts[declared.name(name)]
-        for name in (*texts, *optional_texts)
-        if declared.name(name) in found.texts
-    }
+    texts = {name: found.texts[declared.name(name)] for name in words if declared.name(name) in found.texts}
     if schema.stamps:
-        words |= {stamp(i): found.texts[name] for i, name in enumerate(schema.stamps)}
-    return Table(source, by_ours, words, found.rows, found.row_number, notices, declared).with_stated()
+        texts |= {stamp(i): found.texts[name] for i, name in enumerate(schema.stamps)}
+    return Table(source, by_ours, texts, found.rows, found.row_number, notices, declared).with_stated()
 
 
 def stamp(i: int) -> str:
@@ -231,9 +256,11 @@ def epochs(table: Table, scale: str) -> Epochs:
         raise InputError(f"{table.where(error.row, 'time')}: {error}{hint}") from None
 
 
-def _columns(source: TableSource, schema: Schema, most: int) -> Columns:
+def _columns(
+    source: TableSource, schema: Schema, most: int, most_rows: int | None, each: csv_tables.Piecewise | None
+) -> Columns:
     if isinstance(source, Frame):
         return columns_of_table(str(source), source.table, schema)
     if (kind := binary_format(source)) is not None:
         return columns_of_table(str(source), read_binary(source, kind), schema)
-    return read_csv(source, schema, most)
+    return read_csv(source, schema, most, most_rows=most_rows, each=each)

@@ -20,6 +20,8 @@ from ...text.files import show
 from .point_files import PointFiles
 from .row_times import read_row_times
 
+MOST_IMAGES = 1_000_000
+"""Of a campaign."""
 TEMPERATURE, DEG_C = "temperature_", "_c"
 """Around the name of a temperature in its column's."""
 
@@ -47,6 +49,7 @@ def read_images(
         optional_numbers=("line_period_s", "sigma_time_s"),
         declared=declared,
         like=(f"{TEMPERATURE}*{DEG_C}",),
+        most_rows=MOST_IMAGES,
     )
     notices += table.notices
     table.require_distinct("image_id", "each image once")
@@ -116,8 +119,10 @@ def images_of(source: TableSource | PointFiles, scale: str, time_from_id: str, d
         only = {ours: name for ours, name in declared.columns.items() if ours == "image_id"}
         asked = replace(declared, columns=only, stated={})
         table = read_table(source, texts=("image_id",), declared=asked)
-    first = {name: row for row, name in reversed(list(enumerate(table.texts["image_id"])))}
-    rows = sorted(first.values())
+    first: dict[str, int] = {}
+    for row, name in enumerate(table.texts["image_id"]):
+        first.setdefault(name, row)
+    rows = list(first.values())
     ids = tuple(table.texts["image_id"][row] for row in rows)
     seen = table.named_only(rows, {"image_id": ids})
     return Images(ids, _times_in_ids(seen, time_from_id, scale), name=str(source))

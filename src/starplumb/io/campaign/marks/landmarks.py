@@ -23,6 +23,8 @@ from .point_files import PointFiles
 LIMITS = {"latitude_deg": (-90.0, 90.0), "longitude_deg": (-180.0, 360.0), "height_m": HEIGHTS_M}
 RADIUS_M = (6.3e6, 6.4e6)
 _BLOCK = 1 << 14
+MOST_LANDMARKS = 3_000_000
+"""Of a campaign: half a gigabyte."""
 TIE_M = 1e5
 """Sigma of the place of a tie point, once its rays have met: far beyond what they leave open."""
 
@@ -54,6 +56,7 @@ def read_landmarks(
             declared=declared,
             may_be_empty=True,
             unknown=numbers,
+            most_rows=MOST_LANDMARKS,
         )
     notices += table.notices
     return landmarks_from(table if ground is None else raised(table, ground))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -78,19 +78,46 @@ def read_observations(
             declared=declared,
             may_be_empty=True,
             instead={"sigma_px": SIGMA_PX},
+            each=_Pieces(images, landmarks, grid),
         )
     notices += table.notices
     if len(table) and not landmarks:
         raise InputError(
             f"{surveyed}: found it without rows beside {len(table)} observations, wanted at least one row"
         )
-    image = _lookup(table, "image_id", images, "images")
-    landmark = _lookup(table, "landmark_id", landmarks, "landmarks")
-    _require_new_pairs(table, image, landmark, len(landmarks))
+    image, landmark = _marked(table, images, landmarks)
+    _require_new_pairs([table], image * len(landmarks) + landmark, images, landmarks)
     pixels, check = _pixels(table, grid, image), _roles(table)
     if len(table):
         notices += _unseen(source, "image", images, image) + _unseen(source, "landmark", landmarks, landmark)
     return Sightings(image, landmark, check=check, **pixels), bare(table)
+
+
+@dataclass
+class _Pieces:
+    """Observations looked at some at a time, before all of them are held."""
+
+    images: Sequence[str]
+    landmarks: Sequence[str]
+    grid: Grid | Grids
+    rows: list[Table] = field(default_factory=list)
+    pairs: list[Index] = field(default_factory=list)
+
+    def __call__(self, table: Table | None) -> None:
+        if table is None:
+            _require_new_pairs(self.rows, np.concatenate(self.pairs), self.images, self.landmarks)
+            return
+        image, landmark = _marked(table, self.images, self.landmarks)
+        _pixels(table, self.grid, image)
+        _roles(table)
+        self.rows.append(bare(table))
+        self.pairs.append(image * len(self.landmarks) + landmark)
+
+
+def _marked(table: Table, images: Sequence[str], landmarks: Sequence[str]) -> tuple[Index, Index]:
+    """Image and landmark (n,) of observations."""
+    image = _lookup(table, "image_id", images, "images")
+    return image, _lookup(table, "landmark_id", landmarks, "landmarks")
 
 
 def read_detections(
@@ -101,12 +128,18 @@ def read_detections(
     declared: Declared = UNDECLARED,
 ) -> tuple[Detections, Table]:
     """Marker images whose landmark is not known, and the table that names their rows (its columns dropped)."""
+
+    def look(part: Table | None) -> None:
+        if part is not None:
+            _pixels(part, grid, _lookup(part, "image_id", images, "images"))
+
     table = read_table(
         source,
         texts=("image_id",),
         numbers=("column_px", "row_px", "sigma_px"),
         declared=declared,
         instead={"sigma_px": SIGMA_PX},
+        each=look,
     )
     notices += table.notices
     image = _lookup(table, "image_id", images, "images")
@@ -139,17 +172,28 @@ def meant(name: str, known: Sequence[str]) -> str:
     return f" (perhaps {show(near)})" if near else ""
 
 
-def _require_new_pairs(table: Table, image: Index, landmark: Index, n_landmarks: int) -> None:
-    pair = image * n_landmarks + landmark
+def _require_new_pairs(
+    parts: Sequence[Table], pair: Index, images: Sequence[str], landmarks: Sequence[str]
+) -> None:
+    """Raise InputError where an image and a landmark (counted as ``image * landmarks + landmark``) are together again,
+    in a table or in its parts."""
     if np.all(np.diff(np.sort(pair))):
         return
-    _, first, back = np.unique(pair, return_index=True, return_inverse=True)
-    earlier = first[back]
-    row = int(np.argmax(earlier != np.arange(pair.size)))
-    ids = f"{show(table.texts['landmark_id'][row])} in image {show(table.texts['image_id'][row])}"
-    first_row = table.row_number(int(earlier[row]))
-    found = f"found {ids} again (first in row {first_row})"
-    raise InputError(f"{table.where(row, 'landmark_id')}: {found}, wanted each pair once")
+    order = np.argsort(pair, kind="stable")
+    row = int(np.min(order[1:][np.diff(pair[order]) == 0]))
+    earlier = int(np.argmax(pair == pair[row]))
+    image, landmark = divmod(int(pair[row]), len(landmarks))
+    starts = np.cumsum([0, *map(len, parts)])
+
+    def part_of(row: int) -> tuple[Table, int]:
+        k = int(np.searchsorted(starts, row, side="right")) - 1
+        return parts[k], row - int(starts[k])
+
+    table, at = part_of(row)
+    first, first_at = part_of(earlier)
+    found = f"found {show(landmarks[landmark])} in image {show(images[image])} again"
+    where = table.where(at, "landmark_id")
+    raise InputError(f"{where}: {found} (first in row {first.row_number(first_at)}), wanted each pair once")
 
 
 def _pixels(table: Table, grid: Grid | Grids, image: Index) -> dict[str, Any]:
