@@ -59,7 +59,7 @@ def _run() -> None:
         sys.exit(3)
     except (Interrupted, KeyboardInterrupt) as error:
         number = int(getattr(error, "number", 2))
-        complain(f"interrupted ({name_of(number)})")
+        complain(f"interrupted ({name_of(number)}){getattr(error, 'kept', '')}")
         sys.exit(128 + number)
     except OSError as error:
         if not is_of_output(error):

@@ -25,11 +25,15 @@ _NO_OUTPUT = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF)
 
 
 class Interrupted(BaseException):
-    """The command was asked to stop, by the signal of this number."""
+    """The command was asked to stop, by the signal of this number; ``kept`` says what of its work stays."""
 
-    def __init__(self, number: int) -> None:
+    def __init__(self, number: int, kept: str = "") -> None:
         super().__init__()
-        self.number = number
+        self.number, self.kept = number, kept
+
+    @classmethod
+    def of(cls, error: KeyboardInterrupt, kept: str = "") -> Interrupted:
+        return cls(error.number if isinstance(error, Stopped) else 2, kept)
 
 
 class Commands(TyperGroup):
@@ -51,7 +55,7 @@ def _saying_why() -> Iterator[None]:
     try:
         yield
     except KeyboardInterrupt as error:
-        raise Interrupted(error.number if isinstance(error, Stopped) else 2) from None
+        raise Interrupted.of(error) from None
 
 
 def prepare() -> None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from .channels import complain
+from .channels import Interrupted
 from .options.common import ScenarioArgument
 from .options.complete import methods as names
 from .options.places import require_place
@@ -164,13 +164,16 @@ def _resumable(plan: Study, out: Path | None, quiet: bool) -> Iterator[Callable[
                 done(more)
 
             yield count
-    except (KeyboardInterrupt, InputError):
-        if kept and out is not None and not quiet:
-            complain(
-                f"{kept} of {plan.trials} trials are finished and kept in {out / 'chunks'}; "
-                "the same command with the same --out resumes them"
-            )
-        raise
+    except (KeyboardInterrupt, InputError) as error:
+        if not kept or out is None:
+            raise
+        told = (
+            f"; {kept} of {plan.trials} trials are finished and kept in {out / 'chunks'}, "
+            "the same command with the same --out resumes them"
+        )
+        if isinstance(error, KeyboardInterrupt):
+            raise Interrupted.of(error, told) from None
+        raise InputError(f"{error}{told}") from None
 
 
 @contextmanager
