@@ -472,3 +472,20 @@ def test_an_archive_is_no_result(tmp_path):
     archive = archive_of(tmp_path)
     with pytest.raises(InputError, match="found an SQLite database, as archives are, wanted UTF-8 text"):
         archive.add(str(archive.path))
+
+
+@pytest.mark.slow
+def test_a_campaign_and_the_prior_of_a_later_one_count_once(rng, tmp_path):
+    """The later one has it with a covariance that grew by then; in an archive of both it is left out."""
+    first, later = mission(rng, tmp_path, [0.0, 30.0])
+    sp.calibrate(sp.read_campaign(first)).save(first.parent / "result", report=False)
+    prior = first.parent / "result" / "result.json"
+    with_it, without = (sp.calibrate(sp.read_campaign(later), prior=given) for given in (prior, None))
+    sums = []
+    for name, second in (("with", with_it), ("without", without)):
+        archive = sp.open_archive(tmp_path / f"{name}.db", create=True)
+        archive.add(first.parent / "result")
+        archive.add(second)
+        sums.append(archive.show().document)
+    assert "what campaigns state of the mounting beforehand is left out" in sums[0]["message"]
+    assert sums[0]["sigma_arcsec"] == pytest.approx(sums[1]["sigma_arcsec"], rel=1e-6)

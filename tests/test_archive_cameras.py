@@ -241,6 +241,31 @@ def test_a_prior_of_several_cameras_is_their_sum(made):
 
 
 @pytest.mark.slow
+def test_equations_with_a_prior_of_several_cameras_have_all_of_it(tmp_path, made):
+    """Alone in an archive the second campaign says what it said with the first one's mountings as its prior; beside the
+    first, these are left out."""
+    before = made / "one" / "result" / "result.json"
+    found = sp.calibrate(sp.read_campaign(made / "two" / "campaign.toml"), method="gls", prior=before)
+    found.save(tmp_path / "after", report=False)
+    alone = archive_of(tmp_path, made)
+    alone.add(tmp_path / "after")
+    for camera in "AC":
+        shown = alone.show(camera=camera).document
+        listed = {m["camera"]: m for m in shown["mountings"]}
+        for wanted in found.document["mountings"]:
+            same(listed[wanted["camera"]], wanted)
+        wanted = found.document["mountings"][2]["against_first"]["sigma_arcsec"]
+        if camera == "A":
+            np.testing.assert_allclose(listed["C"]["against_first"]["sigma_arcsec"], wanted, rtol=1e-3)
+        assert shown["fit"]["degrees_of_freedom"] == found.document["fit"]["degrees_of_freedom"]
+    alone.add(made / "one" / "result")
+    both, one = alone.show().document, json.loads((made / "all" / "result" / "result.json").read_text())
+    assert "what campaigns state of the mounting beforehand is left out" in both["message"]
+    for mine, wanted in zip(both["mountings"], one["mountings"], strict=True):
+        same(mine, wanted, 2e-3)
+
+
+@pytest.mark.slow
 def test_a_prior_of_another_mounting_against_the_first_is_contradicted(tmp_path, made):
     """The third camera turned by a minute since, the first one not."""
     shutil.copytree(made / "one", tmp_path / "one")

@@ -17,7 +17,8 @@ from ..judge.calibrate import Calibration
 from ..judge.parameters.separability import of_camera
 from ..judge.snooping import fit_at
 from ..mission.cameras import about_camera
-from ..mission.joint import MOUNTING, TIE, Equations, Joint, Known, joint, summed
+from ..mission.joint import KNOWN_TOGETHER, MOUNTING, TIE, Equations, Joint, Known, joint, summed
+from ..physics import so3
 from ..physics.errors import InputError
 from ..physics.timescales import format_iso
 from ..physics.units import ARCSEC
@@ -127,12 +128,13 @@ def normals_document(calibration: Calibration) -> dict[str, Any] | None:
     common, scale = _common(fit, c.campaign.landmarks.sources or ("",), turned)
     places = [_place(c, int(i)) for i in named]
     names = [unknown["name"] for unknown in common]
+    together = _known_together(c, turned)
     return {
         "schema": NORMALS_SCHEMA,
         "campaign": c.campaign.name,
         **({} if turned is None else {"camera": turned.names[0]}),
         "matrix": numbers(c.estimate.C_EK),
-        "unknowns": [*common, *places],
+        "unknowns": [*common, *together, *places],
         "images": [_image(c, one, names, scale, turned) for one in image_normals(fit.whole, named)],
     }
 
@@ -187,6 +189,16 @@ def _cameras(turned: Turned) -> Iterator[dict[str, Any]]:
     """The blocks of further cameras' mountings: what is known beforehand is that the model is not far off."""
     for name, v in zip(turned.blocks[1:], turned.references(), strict=True):
         yield _block(name, "arcsec", v, v, (RANGE / ARCSEC) ** 2 * np.eye(3))
+
+
+def _known_together(c: Calibration, turned: Turned | None) -> list[dict[str, Any]]:
+    """What was known beforehand of all mountings with one covariance, where that was."""
+    known = c.observations.rig_known
+    if turned is None or known is None:
+        return []
+    expected = so3.log(c.campaign.C_EK @ known.C_KC @ turned.C_EC.mT).reshape(-1) / ARCSEC
+    zero = np.zeros(expected.size)
+    return [_block(KNOWN_TOGETHER, "arcsec", zero, expected, known.covariance_E / ARCSEC**2)]
 
 
 def _shared_labels(shared: Sequence[str], surveys: Sequence[str]) -> Iterator[str]:

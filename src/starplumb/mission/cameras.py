@@ -38,4 +38,8 @@ def about_camera(part: Equations, first: str, camera: str, widest: float) -> Equ
             blocks[MOUNTING], C_EK = Known(zero, zero, None), so3.exp(ARCSEC * known.reference)
         else:
             blocks[name] = known
-    return replace(part, C_EK=C_EK, blocks=blocks)
+    called = {MOUNTING: block_of(first), own: MOUNTING}
+    together = part.together
+    if together is not None:
+        together = replace(together, names=tuple(called.get(name, name) for name in together.names))
+    return replace(part, C_EK=C_EK, blocks=blocks, together=together)

@@ -27,6 +27,8 @@ MOUNTING = "mounting"
 """The block of three that turns ``C_EK``; its reference is no turn."""
 CAMERA = f"{MOUNTING}["
 """How the block of a further camera's mounting begins, ``mounting[NAME]``: it turns ``C_EC = exp(reference)``."""
+KNOWN_TOGETHER = "known[mountings]"
+"""The entry among the blocks of a campaign that says what was known of all its mountings, in their order."""
 TIE = "shared[tie "
 """How the block of a tie point's place begins."""
 Image = tuple[Sequence[str], Array, Array, float, int]
@@ -43,6 +45,16 @@ class Known:
     covariance: Array | None
 
 
+@dataclass(frozen=True)
+class Together:
+    """What was known beforehand of the mountings of several cameras: of the turns of the blocks ``names`` (k,) that
+    they were ``expected`` (3 k,) arcsec, with one ``covariance`` (3 k, 3 k) of all."""
+
+    names: tuple[str, ...]
+    expected: Array
+    covariance: Array
+
+
 def apart(name: str, a: Array, b: Array) -> Array:
     """How far a value (k,) of a block is from another: ``a - b``, of a camera's mountings the turn between them."""
     if not name.startswith(CAMERA):
@@ -53,7 +65,8 @@ def apart(name: str, a: Array, b: Array) -> Array:
 @dataclass(frozen=True)
 class Equations:
     """Normal equations of a campaign about the mounting ``C_EK`` (3, 3) and the references of ``blocks``, in their
-    order: ``information`` (n, n), ``vector`` (n,), ``constant`` of ``count`` numbers."""
+    order: ``information`` (n, n), ``vector`` (n,), ``constant`` of ``count`` numbers.  ``together`` is what was known
+    of all mountings of several cameras, of which the first one's block has its part."""
 
     C_EK: Array
     blocks: Mapping[str, Known]
@@ -61,6 +74,7 @@ class Equations:
     vector: Array
     constant: float
     count: int
+    together: Together | None = None
 
     @cached_property
     def places(self) -> dict[str, Index]:
@@ -92,6 +106,19 @@ class Equations:
             constant += float(pull @ W @ pull)
         return replace(self, information=N, vector=b, constant=constant, count=self.count + round(count))
 
+    def with_together(self, known: Together) -> Equations:
+        """With what was known beforehand of several mountings."""
+        N, b, at, W = (
+            self.information.copy(),
+            self.vector.copy(),
+            self.at(known.names),
+            np.linalg.inv(known.covariance),
+        )
+        N[at[:, None], at] += W
+        b[at] -= W @ known.expected
+        constant = self.constant + float(known.expected @ W @ known.expected)
+        return replace(self, information=N, vector=b, constant=constant, count=self.count + at.size)
+
     def only(self, names: Sequence[str]) -> Equations:
         """Over some blocks, in this order, the others eliminated with what was known of them."""
         kept = set(names)
@@ -110,6 +137,7 @@ class Equations:
             b[k] - N_kr @ S[:, -1],
             whole.constant - float(b[r] @ S[:, -1]),
             whole.count - r.size,
+            self.together if self.together is not None and kept >= set(self.together.names) else None,
         )
 
     def _ordered(self, names: Sequence[str]) -> Equations:
@@ -147,7 +175,13 @@ class Equations:
         }
         b = b - Nd
         N, b = (N, b) if M is None else (M.T @ N @ M, M.T @ b)
-        return replace(self, C_EK=C_EK, blocks=blocks, information=N, vector=b, constant=constant)
+        together = self.together
+        if together is not None:
+            turned = np.concatenate([moved[name] for name in together.names])
+            together = replace(together, expected=together.expected + turned)
+        return replace(
+            self, C_EK=C_EK, blocks=blocks, information=N, vector=b, constant=constant, together=together
+        )
 
 
 def _turned(turns: Mapping[str, Array]) -> tuple[Array, Array]:
@@ -185,6 +219,8 @@ def _inverses(matrices: Sequence[Array]) -> list[Array]:
 
 def summed(C_EK: Array, blocks: Mapping[str, Known], images: Iterable[Image]) -> Equations:
     """The equations of a campaign from those of its images."""
+    known = blocks.get(KNOWN_TOGETHER)
+    blocks = {name: block for name, block in blocks.items() if name != KNOWN_TOGETHER}
     size = sum(known.reference.size for known in blocks.values())
     whole = Equations(C_EK, blocks, np.zeros((size, size)), np.zeros(size), 0.0, 0)
     constant, count = 0.0, 0
@@ -197,7 +233,13 @@ def summed(C_EK: Array, blocks: Mapping[str, Known], images: Iterable[Image]) ->
             np.add.at(whole.information, (at[:, None], at), N)
             np.add.at(whole.vector, at, b)
         constant, count = constant + c, count + n
-    return replace(whole, constant=constant, count=count)
+    together = None
+    if known is not None and known.covariance is not None:
+        names = tuple(name for name in blocks if name.startswith(MOUNTING))
+        if known.expected.size != 3 * len(names):
+            raise ValueError(f"{KNOWN_TOGETHER} of {known.expected.size} numbers for {len(names)} mountings")
+        together = Together(names, known.expected, known.covariance)
+    return replace(whole, constant=constant, count=count, together=together)
 
 
 @dataclass(frozen=True)
@@ -268,6 +310,9 @@ def _solved(parts: Sequence[Equations], few: Sequence[Equations], mounting_known
     whole = summed(few[0].C_EK, blocks, ((tuple(p.blocks), p.information, p.vector, 0.0, 0) for p in few))
     constant, numbers = sum(p.constant for p in few), sum(p.count for p in few)
     whole = replace(whole, constant=constant, count=numbers)
+    together = next((part.together for part in few if part.together is not None), None)
+    if mounting_known and together is not None:
+        whole, mounting_known = whole.with_together(together), False
     whole = whole.with_known([name for name in blocks if mounting_known or name != MOUNTING])
     P = np.linalg.inv(whole.information)
     x = -P @ whole.vector

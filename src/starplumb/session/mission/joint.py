@@ -91,21 +91,30 @@ def _near_ground(parts: Sequence[Equations]) -> tuple[str, ...]:
 
 def _known_before(parts: Sequence[Equations], found: Sequence[Entry]) -> tuple[bool, tuple[str, ...]]:
     """Whether what campaigns state of the mounting beforehand may be added: all the same, and of no campaign here."""
-    stated = [
-        (P, so3.exp(ARCSEC * part.blocks[MOUNTING].expected) @ part.C_EK)
-        for part in parts
-        if MOUNTING in part.blocks and (P := part.blocks[MOUNTING].covariance) is not None
-    ]
+    stated = [known for part in parts if (known := _stated(part)) is not None]
     if not stated:
         return True, ()
     first, C_first = stated[0]
     one = all(np.allclose(P, first, rtol=SAME) and np.allclose(C, C_first, atol=1e-9) for P, C in stated)
-    here = [entry.covariance_E / ARCSEC**2 for entry in found if entry.covariance_E is not None]
-    told = any(np.allclose(P, P_here, rtol=1e-4) for P, _ in stated for P_here in here)
+    # a result that is a prior is known by its mounting: its covariance may have grown since
+    told = any(np.allclose(C, entry.C_EK, atol=1e-9) for _, C in stated for entry in found)
     if one and not told:
         return True, ()
     why = "is that of another campaign here" if told else "is not the same in all that state it"
     return False, (f"what campaigns state of the mounting beforehand is left out: it {why}",)
+
+
+def _stated(part: Equations) -> tuple[Array, Array] | None:
+    """The covariance and the mounting that a campaign states of its first camera beforehand; None for nothing."""
+    if part.together is not None:
+        name, expected, P = part.together.names[0], part.together.expected[:3], part.together.covariance[:3, :3]
+    else:
+        block = part.blocks.get(MOUNTING)
+        if block is None or block.covariance is None:
+            return None
+        name, expected, P = MOUNTING, block.expected, block.covariance
+    C = part.C_EK if name == MOUNTING else so3.exp(ARCSEC * part.blocks[name].reference)
+    return P, so3.exp(ARCSEC * expected) @ C
 
 
 @dataclass(frozen=True, repr=False)
