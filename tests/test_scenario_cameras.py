@@ -119,10 +119,12 @@ def test_the_focal_length_of_each_camera_is_its_own(bands):
 
 
 @pytest.mark.slow
-def test_sampling_confirms_what_is_stated_of_each_camera(bands):
-    study = sp.simulate(bands, trials=600, seed=7).document
+def test_sampling_confirms_what_is_stated_of_each_camera():
+    """The second looks ahead and is turned, so that its sigmas differ about every axis."""
+    two = rig(cameras=[camera("A", [0.0, 0.0, 0.0]), camera("B", [20.0, 8.0, 60.0])])
+    study = sp.simulate(two, trials=600, seed=7).document
     assert list(study["methods"]) == ["gls", AGAINST]
-    budget = sp.budget(bands)
+    budget = sp.budget(two)
     for name, found in study["methods"].items():
         assert not found["failed"]
         for k, axis in enumerate("xyz"):
@@ -183,3 +185,16 @@ def test_what_takes_one_camera_says_so(bands):
         sp.budget(bands, "gls,wahba")
     with pytest.raises(InputError, match="cameras: found several, wanted one: a plan"):
         sp.plan_images(bands, 3)
+
+
+def test_a_large_scene_has_the_gain_of_a_small_one(monkeypatch):
+    """By elimination, beyond the size of which the dense covariance is formed, as below it."""
+    from starplumb.plan import bound
+
+    two = rig(cameras=[camera("A", [5.0, 0.0, 0.0]), camera("B", [20.0, 8.0, 60.0])]).data
+    dense = bound.Linear(two, two.sources)
+    expected, gain = dense.covariance_all_E, dense.gain
+    monkeypatch.setattr(bound, "MOST_SIGHTINGS", 0)
+    eliminated = bound.Linear(two, two.sources)
+    np.testing.assert_allclose(eliminated.covariance_all_E, expected, rtol=1e-6, atol=1e-9 * expected.max())
+    np.testing.assert_allclose(eliminated.gain, gain, rtol=1e-5, atol=1e-6 * np.abs(gain).max())

@@ -107,7 +107,11 @@ def _known_before(parts: Sequence[Equations], found: Sequence[Entry]) -> tuple[b
 def _stated(part: Equations) -> tuple[Array, Array] | None:
     """The covariance and the mounting that a campaign states of its first camera beforehand; None for nothing."""
     if part.together is not None:
-        name, expected, P = part.together.names[0], part.together.expected[:3], part.together.covariance[:3, :3]
+        name, expected, P = (
+            part.together.names[0],
+            part.together.expected[:3],
+            part.together.covariance[:3, :3],
+        )
     else:
         block = part.blocks.get(MOUNTING)
         if block is None or block.covariance is None:
