@@ -17,7 +17,7 @@ LARGE = 10_000
 """A table of more sightings than this is adjusted in chunks..."""
 MANY = 60
 """...and so is one with more landmarks than this seen more than once: their errors are then a sparse system..."""
-APART = 2_000
+APART = 500
 """...and one of more sightings than this that share no landmark, which needs no sparse system."""
 CHUNK = 4_096
 """Sightings of a chunk: with all that is computed from them they fit the processor's cache."""
