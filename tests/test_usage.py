@@ -5,14 +5,17 @@ from __future__ import annotations
 import json
 import re
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from typer.main import get_command
+from typer.testing import CliRunner
 
 from command import Spoken, demo, starplumb
 from starplumb.cli.app import app
 from starplumb.cli.options import complete
+from starplumb.cli.reproduce import _cells
 from starplumb.estimators import METHODS
 
 GROUPS = get_command(app).commands
@@ -132,12 +135,56 @@ def test_a_grid_tells_its_size_and_is_not_written_unasked_above_a_gigabyte(tmp_p
     assert grid.exists()
 
 
+@pytest.mark.parametrize(
+    ("line", "offered"),
+    [
+        ("locate {campaign} --image image0", "image01 image02"),
+        ("project {campaign} 45.1 12.3 -i im", "image01 image02"),
+        ("locate {campaign}x --image im", ""),
+        ("locate --image im", ""),
+        ("calibrate {campaign} --drift a", "auto"),
+        ("simulate two-images --trails 5 --samples no", "none"),
+    ],
+)
+def test_the_shell_completes_a_line(tmp_path_factory, line, offered):
+    """Images are those of the campaign on the line; and what is wrong elsewhere in the line is said later."""
+    folder = tmp_path_factory.getbasetemp() / "completed"
+    path = folder / "campaign.toml" if folder.exists() else demo(folder, "--images", 2)
+    words = f"starplumb {line.format(campaign=path)}"
+    asked = {"COMP_WORDS": words, "COMP_CWORD": str(len(words.split()) - 1)}
+    told = CliRunner().invoke(
+        app, [], prog_name="starplumb", env={"_STARPLUMB_COMPLETE": "complete_bash", **asked}
+    )
+    assert told.output.split() == offered.split()
+
+
+@pytest.mark.parametrize(
+    ("command", "meant"),
+    [
+        (("reproduce", "tabel1"), "table1"),
+        (("calibrate", "{campaign}", "--drift", "atuo"), "auto"),
+        (("calibrate", "{campaign}", "--drift", "linear,orbt:2"), "orbit"),
+        (("calibrate", "{campaign}", "--estimate", "focal_lenth"), "focal_length"),
+        (("calibrate", "{campaign}", "--method", "gsl"), "gls"),
+    ],
+)
+def test_the_nearest_name_is_told(tmp_path, command, meant):
+    path = demo(tmp_path / "demo", "--images", 2) if "{campaign}" in command else None
+    told = starplumb(*(word.format(campaign=path) for word in command))
+    assert told.status == 2
+    assert told.err.endswith(f"(did you mean {meant}?)\n")
+
+
 def test_the_shell_completes_names():
     assert set(complete.methods("")) == set(METHODS)
     assert complete.methods("gls,wa") == ["gls,wahba"]
     assert complete.scenarios("two") == ["two-images"]
     assert complete.parameters("focal_length,time_offset_a") == ["focal_length,time_offset_attitude"]
     assert complete.tables("table") == ["table1", "table2", "table3", "table4"]
+    assert complete.drifts("a") == ["auto"]
+    assert complete.drifts("linear,st") == ["linear,step:"]
+    assert complete.samples("p") == ["parquet"]
+    assert complete.starts("") == ["closed-form", "model"]
     assert "campaign" in complete.documents("")
 
 
@@ -155,3 +202,12 @@ def test_tables_of_whole_series_say_how_many_runs_were_not_used():
     told = starplumb("reproduce", "images-max", "-n", 300)
     assert "250 runs of ours of the 300 asked for" in told.out
     assert "300 runs of ours." in starplumb("reproduce", "table1", "-n", 300).out
+
+
+def test_what_rounding_leaves_of_a_figure_and_of_its_error_is_nothing():
+    ours = SimpleNamespace(value=(3e-14, 0.305, 2e-9), sampling=(7.9e-14, 0.0022, 1e-3))
+    assert _cells(SimpleNamespace(ours=ours, published=(0.0, 0.3, float("nan")))) == [
+        "0 (0)",
+        "0.305±0.0022 (0.3)",
+        "0±0.001",
+    ]

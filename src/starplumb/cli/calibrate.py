@@ -11,7 +11,7 @@ from typing import Annotated
 import typer
 
 from .options.common import SchedulerOption, StartOption
-from .options.complete import methods, parameters
+from .options.complete import drifts, methods, parameters
 from .options.outside import Choice, OutsideOption
 from .options.places import require_place
 from .output import Json, Output, Quiet, Verbose
@@ -69,6 +69,7 @@ def calibrate(
         str,
         typer.Option(
             metavar="none|auto|MODEL,...",
+            autocompletion=drifts,
             help="How the mounting moves: none (only tested), auto (models averaged by evidence), or some "
             "of orbit:K, linear, step:TIME, temperature:NAME.",
         ),

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from .options.common import CampaignArgument
+from .options.complete import images
 from .options.ground import Dem, Geoid, HeightsOption, ResultOption
 from .options.outside import Choice, OutsideOption
 from .options.places import require_place
@@ -19,7 +20,9 @@ ASKED_ABOVE = 1e9
 
 def locate(
     campaign: CampaignArgument,
-    image: Annotated[str, typer.Option("--image", "-i", metavar="ID", help="The image's id.")],
+    image: Annotated[
+        str, typer.Option("--image", "-i", metavar="ID", autocompletion=images, help="The image's id.")
+    ],
     column: Annotated[
         float | None, typer.Argument(metavar="COLUMN", help="Column, in the campaign's pixel origin.")
     ] = None,

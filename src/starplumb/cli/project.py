@@ -13,6 +13,7 @@ import typer
 
 from .channels import print_csv
 from .options.common import CampaignArgument
+from .options.complete import images
 from .options.ground import Dem, Geoid, HeightsOption, ResultOption
 from .options.outside import Choice, OutsideOption
 from .options.places import require_place
@@ -35,7 +36,13 @@ def project(
     ] = None,
     image: Annotated[
         str | None,
-        typer.Option("--image", "-i", metavar="ID", help="One image only [default: all that see a place]."),
+        typer.Option(
+            "--image",
+            "-i",
+            metavar="ID",
+            autocompletion=images,
+            help="One image only [default: all that see a place].",
+        ),
     ] = None,
     itrf: Annotated[bool, typer.Option("--itrf", help="The three numbers are x, y, z in ITRF, m.")] = False,
     result: ResultOption = None,

@@ -16,6 +16,10 @@ if TYPE_CHECKING:
     from ..published.comparison import Comparison, Row
 
 
+ROUNDING = 1e-7
+"""Less than this is rounding, in figures of some arc seconds and their sampling errors."""
+
+
 def reproduce(
     names: Annotated[
         list[str] | None,
@@ -92,15 +96,15 @@ def _cells(row: Row) -> list[str]:
     printed = [math.nan] * len(row.ours.value) if row.published is None else list(row.published)
     cells = []
     for value, error, figure in zip(row.ours.value, row.ours.sampling, printed, strict=True):
-        spread = f"±{error:.2g}" if error > 0.0 else ""
+        spread = f"±{error:.2g}" if error > ROUNDING else ""
         brackets = f" ({_figure(figure)})" if figure == figure else ""
         cells.append(_figure(value) + spread + brackets if value == value else "")
     return cells
 
 
 def _figure(value: float) -> str:
-    """Three digits; what is only rounding in figures of some arcseconds is zero."""
-    if abs(value) < 1e-7:
+    """Three digits; what is only rounding is zero."""
+    if abs(value) < ROUNDING:
         return "0"
     return f"{value:.3g}" if abs(value) < 1000.0 else f"{value:.4g}"
 

@@ -13,6 +13,7 @@ import typer
 from .channels import Interrupted
 from .options.common import ScenarioArgument
 from .options.complete import methods as names
+from .options.complete import samples as complete_samples
 from .options.places import require_place
 from .output import Json, Output, Quiet, Verbose
 
@@ -82,7 +83,13 @@ def simulate(
         ),
     ] = 4096,
     samples: Annotated[
-        str, typer.Option("--samples", metavar="auto|parquet|none", help="Every trial as a table.")
+        str,
+        typer.Option(
+            "--samples",
+            metavar="auto|parquet|none",
+            autocompletion=complete_samples,
+            help="Every trial as a table.",
+        ),
     ] = "auto",
     json: Json = False,
     quiet: Quiet = False,
@@ -190,6 +197,7 @@ def _progress(trials: int, first: int, quiet: bool) -> Iterator[Callable[[int], 
         BarColumn,
         MofNCompleteColumn,
         Progress,
+        SpinnerColumn,
         TextColumn,
         TimeElapsedColumn,
         TimeRemainingColumn,
@@ -197,6 +205,7 @@ def _progress(trials: int, first: int, quiet: bool) -> Iterator[Callable[[int], 
 
     rate = TextColumn("{task.fields[rate]}")
     bar = Progress(
+        SpinnerColumn(),  # the bar moves by chunks, and this between them
         TextColumn("{task.description}"),
         BarColumn(),
         MofNCompleteColumn(),

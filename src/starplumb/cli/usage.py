@@ -33,10 +33,11 @@ class WithNumbers(TyperCommand):
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Take numbers as arguments.  Raises UsageError for an option that the command does not have."""
-        if unknown := _unknown(args, self.get_params(ctx)):
-            ctx.fail(f"No such option: {unknown}")
         ctx.ignore_unknown_options = True
-        self._require_numbers(ctx, args)
+        if not ctx.resilient_parsing:  # while a line is completed nothing is wrong with it yet
+            if unknown := _unknown(args, self.get_params(ctx)):
+                ctx.fail(f"No such option: {unknown}")
+            self._require_numbers(ctx, args)
         rest: list[str] = super().parse_args(ctx, args)
         return rest
 

@@ -8,8 +8,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from ..io.text.files import nearest
-from ..physics.errors import InputError
+from ..physics.errors import InputError, did_you_mean
 from .document import Document
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
@@ -40,8 +39,7 @@ def schema(name: str) -> dict[str, Any]:
         found = getattr(import_module(f"...{module}", __name__), model)
         return {"$schema": DIALECT, **_plain(_json_schema(found))}
     if bare not in written:
-        near = nearest(bare, [*_SETTINGS, *written])
-        hint = f" (did you mean {near}?)" if near else ""
+        hint = did_you_mean(bare, [*_SETTINGS, *written])
         raise InputError(f"schema: found {name!r}, wanted one of {', '.join(names())}{hint}")
     return {"$schema": DIALECT} | _json_schema(written[bare])
 

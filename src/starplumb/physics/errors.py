@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 
 LONGEST_WORD = 500
 """More than any path that somebody types."""
@@ -41,6 +42,21 @@ class ArgumentError(InputError):
     def as_option(self) -> str:
         """The text with the argument written as an option."""
         return f"--{self.argument.replace('_', '-')}{str(self).removeprefix(self.argument)}"
+
+
+def nearest(word: str, known: Iterable[str]) -> str | None:
+    """The known name that ``word`` most likely means, or None."""
+    from difflib import get_close_matches
+
+    by_lower = {name.lower(): name for name in known}
+    close = get_close_matches(word.lower(), by_lower, n=1, cutoff=0.6)
+    return by_lower[close[0]] if close else None
+
+
+def did_you_mean(word: str, known: Iterable[str]) -> str:
+    """What ends a sentence about an unknown name: the known one that is most likely meant; nothing where none is."""
+    near = nearest(word, known)
+    return f" (did you mean {near}?)" if near else ""
 
 
 class EpochError(InputError):

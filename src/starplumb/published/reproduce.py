@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from .. import __version__
-from ..physics.errors import ArgumentError, InputError
+from ..physics.errors import ArgumentError, InputError, did_you_mean
 from .comparison import Comparison
 from .lebedev2012 import sensitivity, totals
 from .lebedev_images import images_max, images_sigma
@@ -53,7 +53,10 @@ def reproduce(names: Iterable[str], trials: int, seed: int) -> Iterator[Comparis
     wanted = list(names) or list(TABLES)
     unknown = [name for name in wanted if name not in TABLES]
     if unknown:
-        raise InputError(f"reproduce: found the table {unknown[0]!r}, wanted one of {', '.join(TABLES)}")
+        hint = did_you_mean(unknown[0], TABLES)
+        raise InputError(
+            f"reproduce: found the table {unknown[0]!r}, wanted one of {', '.join(TABLES)}{hint}"
+        )
     if trials < MIN_TRIALS:
         raise ArgumentError(
             "trials", f"found {trials}, wanted {MIN_TRIALS} or more (they come in series of 100)"

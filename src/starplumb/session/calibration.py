@@ -10,11 +10,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 from ..estimators import BEARS, METHODS, methods
 from ..estimators.cameras.jointly import Jointly
 from ..estimators.protocol import Estimator
-from ..io.text.files import nearest
 from ..judge.accuracy.requirement import requirement as asked
 from ..judge.motion.asked import columns_asked
 from ..judge.motion.estimated import calibrate_moving as run
-from ..physics.errors import AlignmentFailed, ArgumentError
+from ..physics.errors import AlignmentFailed, ArgumentError, did_you_mean
 from ..physics.units import DEG
 from ..table.campaign import Campaign as Physics
 from .arguments import Folder, Wanted, checked
@@ -138,7 +137,9 @@ def estimator_of(
             )
         return method
     if method not in METHODS:
-        raise ArgumentError("method", f"found {method!r}, wanted one of {', '.join(METHODS)}{_hint(method)}")
+        raise ArgumentError(
+            "method", f"found {method!r}, wanted one of {', '.join(METHODS)}{did_you_mean(method, METHODS)}"
+        )
     if start == "model" and method not in BEARS:
         raise ArgumentError(
             "start",
@@ -187,7 +188,7 @@ def estimators_of(methods: Sequence[str] | str) -> Mapping[str, Estimator]:
     for name in names:
         if name not in METHODS:
             raise ArgumentError(
-                "methods", f"found {name!r}, wanted some of {', '.join(METHODS)}{_hint(name)}"
+                "methods", f"found {name!r}, wanted some of {', '.join(METHODS)}{did_you_mean(name, METHODS)}"
             )
     if not names:
         raise ArgumentError("methods", f"found none, wanted some of {', '.join(METHODS)}")
@@ -198,13 +199,10 @@ def method_of(document: Mapping[str, Any], method: str | None) -> str:
     """A method of a document of several, by default the first.  Raises ArgumentError for another."""
     names = list(document["methods"])
     if method is not None and method not in names:
-        raise ArgumentError("method", f"found {method!r}, wanted one of {', '.join(names)}")
+        raise ArgumentError(
+            "method", f"found {method!r}, wanted one of {', '.join(names)}{did_you_mean(method, names)}"
+        )
     return names[0] if method is None else method
-
-
-def _hint(name: str) -> str:
-    near = nearest(name, METHODS)
-    return f" (did you mean {near}?)" if near else ""
 
 
 def identify(campaign: Campaign, reach_deg: float) -> Identified:

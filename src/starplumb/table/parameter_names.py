@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ..physics.camera import FrameCamera, LineScanCamera
-from ..physics.errors import ArgumentError
+from ..physics.errors import ArgumentError, did_you_mean
 from ..physics.units import ARCSEC, LEAST_SIGMA, MOST_SIGMA
 from .campaign import Campaign
 from .parameters import OPTICS, LookAngles, Optics, Parameter, TimeOffset, TrackerMounting
@@ -59,8 +59,9 @@ def of_sigmas(sigmas: Mapping[str, float], campaign: Campaign) -> tuple[Paramete
     clocks = tuple(name for name in CLOCKS if name in sigmas)
     rest = [name for name in sigmas if name not in (*optics, *looks, *clocks, "trackers")]
     if rest:
-        names = ", ".join(("focal_length", *GROUPS, *CLOCKS, "trackers"))
-        raise ArgumentError("estimate", f"found {rest[0]!r}, wanted one or more of {names}")
+        names = ("focal_length", *GROUPS, *CLOCKS, "trackers")
+        hint = did_you_mean(rest[0], names)
+        raise ArgumentError("estimate", f"found {rest[0]!r}, wanted one or more of {', '.join(names)}{hint}")
     found: list[Parameter] = []
     if campaign.several and (optics or looks):
         name = (*optics, *looks)[0]

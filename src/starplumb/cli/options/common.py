@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from .complete import methods, scenarios
+from .complete import methods, scenarios, starts
 
 CampaignArgument = Annotated[Path, typer.Argument(help="The campaign.toml.", metavar="CAMPAIGN.toml")]
 ScenarioArgument = Annotated[
@@ -32,6 +32,7 @@ StartOption = Annotated[
     str,
     typer.Option(
         metavar="closed-form|model",
+        autocompletion=starts,
         help="Where sequential, observer and the linear methods start: closed-form, or model, as published.",
     ),
 ]

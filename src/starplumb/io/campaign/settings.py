@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from ...disk.parts import half_placed
-from ...physics.errors import InputError
+from ...physics.errors import InputError, did_you_mean
 from ..tables.read import Frame, TableSource
-from ..text.files import fingerprint, nearest, show
+from ..text.files import fingerprint, show
 from ..text.toml import plain, read_toml
 from ..text.values import InMemory
 
@@ -86,8 +86,7 @@ def _section(document: dict[str, Any], name: str) -> tuple[dict[str, Any], str]:
             if name == f"trackers.{i}" and isinstance(tracker, dict):
                 return tracker, "file"
     if name not in TABLES:
-        near = nearest(name, TABLES)
-        hint = f" (did you mean {near}?)" if near else ""
+        hint = did_you_mean(name, TABLES)
         raise InputError(f"tables: found {show(name)}, wanted names among {', '.join(TABLES)}{hint}")
     key = "look_angles" if name == "look_angles" else "file"
     section = document.setdefault("camera" if name == "look_angles" else name, {})

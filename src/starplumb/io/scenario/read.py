@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...physics.camera import Camera
-from ...physics.errors import InputError
+from ...physics.errors import InputError, did_you_mean
 from ...physics.orbit import KeplerOrbit, Orbit
 from ...physics.orientation import EarthOrientation
 from ...physics.timescales import moment
@@ -26,7 +26,6 @@ from ...table import sharing
 from ...table.campaign import Campaign
 from ...table.error_sources import Distribution
 from ...table.geometry import observe
-from ..text.files import nearest
 from ..text.toml import check, plain, read_toml
 from .config import ScenarioConfig
 from .errors import error_sources
@@ -63,8 +62,7 @@ def find_scenario(name: str) -> Path:
         return path
     if name in shipped:
         return shipped[name]
-    near = nearest(name, shipped)
-    hint = f" (did you mean {near}?)" if near else ""
+    hint = did_you_mean(name, shipped)
     raise InputError(
         f"{name}: found no such file, wanted a SCENARIO.toml or one of {', '.join(shipped)}{hint}"
     )

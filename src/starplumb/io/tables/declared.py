@@ -10,9 +10,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ...physics.errors import EpochError, InputError
+from ...physics.errors import EpochError, InputError, did_you_mean
 from ...physics.timescales import of_count, parse
-from ..text.files import nearest, show
+from ..text.files import show
 from ..text.numbers import decimal
 from .schema import Schema, Value
 
@@ -115,8 +115,7 @@ class Declared:
         ours = (*asked.texts, *asked.numbers, *asked.optional_texts, *asked.optional_numbers, *replacing)
         for name in self.columns:
             if name not in ours or (name == "time" and self.time is not None):
-                near = nearest(name, ours)
-                hint = f" (did you mean {near}?)" if near else ""
+                hint = did_you_mean(name, ours)
                 wanted = f"{', '.join(ours)}{hint}" if name not in ours else "it in time.column only"
                 raise InputError(f"{source}: {self.key}.columns: found {show(name)}, wanted {wanted}")
         stamps = () if self.time is None or "time" not in asked.texts else self.time.columns

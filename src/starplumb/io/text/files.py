@@ -6,14 +6,14 @@ import codecs
 import re
 import stat
 import unicodedata
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
-from difflib import get_close_matches
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from ...disk.publish import fingerprint as fingerprint
 from ...physics.errors import InputError
+from ...physics.errors import nearest as nearest
 from .packed import beginning, is_packed, unpacked
 
 MOST_TEXT = 100_000_000
@@ -55,13 +55,6 @@ def show(value: object) -> str:
 def composed(text: str) -> str:
     """``text`` with accents joined to their letters (NFC): the same name reads the same from any system."""
     return text if text.isascii() else unicodedata.normalize("NFC", text)
-
-
-def nearest(word: str, known: Iterable[str]) -> str | None:
-    """The known name that ``word`` most likely means, or None."""
-    by_lower = {name.lower(): name for name in known}
-    close = get_close_matches(word.lower(), by_lower, n=1, cutoff=0.6)
-    return by_lower[close[0]] if close else None
 
 
 def trouble(path: Path) -> str | None:

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from ...physics.errors import ArgumentError, EpochError
+from ...physics.errors import ArgumentError, EpochError, did_you_mean
 from ...physics.timescales import format_iso, moment
 from .averaging import Structure, structures
 from .regressors import LINEAR, MEAN, ORBIT, STEP, TEMPERATURE, Scales, When, harmonics, told_apart
@@ -44,7 +44,8 @@ def _columns(name: str) -> tuple[str, ...]:
         except EpochError as error:
             raise ArgumentError("drift", f"step: {error}") from None
         return (name if "T" in which or " " in which.strip() else f"{STEP}:{format_iso([at], 'UTC', 0)[0]}",)
-    raise ArgumentError("drift", f"found {name!r}, wanted {WANTED}")
+    hint = did_you_mean(kind, (NONE, AUTO, ORBIT, LINEAR, STEP, TEMPERATURE))
+    raise ArgumentError("drift", f"found {name!r}, wanted {WANTED}{hint}")
 
 
 def kinds_asked(

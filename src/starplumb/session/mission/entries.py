@@ -7,8 +7,7 @@ from typing import Any
 
 from ...io.archive.records import Event
 from ...io.archive.rows import Entry, Instrument
-from ...io.text.files import nearest
-from ...physics.errors import ArgumentError, InputError
+from ...physics.errors import ArgumentError, InputError, did_you_mean
 from ...physics.timescales import format_iso
 
 SHORT = 12
@@ -81,8 +80,7 @@ def instrument_of(
         wrong = "camera" if satellite is None and camera is not None else "satellite"
         asked = satellite if wrong == "satellite" else camera
         said = "found several mountings" if chosen else f"found {asked!r}"
-        near = nearest(asked, [one.satellite for one in all_]) if asked and not chosen else None
-        hint = f" (did you mean {near}?)" if near else ""
+        hint = did_you_mean(asked, [one.satellite for one in all_]) if asked and not chosen else ""
         raise ArgumentError(wrong, f"{said} in {name}, wanted one of: {listed}{hint}")
     return chosen[0]
 
@@ -96,8 +94,7 @@ def satellite_of(name: str, firsts: Sequence[Instrument], own: str, satellite: s
     if satellite is None and len(names) == 1:
         return names[0]
     said = "found several satellites" if satellite is None else f"found {satellite!r}"
-    near = nearest(satellite, names) if satellite else None
-    hint = f" (did you mean {near}?)" if near else ""
+    hint = did_you_mean(satellite, names) if satellite else ""
     listed = ", ".join(map(repr, names[:6])) + (", ..." if len(names) > 6 else "")
     raise ArgumentError("satellite", f"{said} in {name}, wanted one of: {listed}{hint}")
 
