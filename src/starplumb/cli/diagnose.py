@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from .options.common import CampaignArgument
 from .options.outside import Choice, OutsideOption
-from .output import Json, Output, Quiet, Verbose, drawn
+from .output import Json, Output, Quiet, Verbose
 
 
 def diagnose(
@@ -38,4 +38,4 @@ def diagnose(
     with speak.doing("undoing the usual mistakes, one after another"):
         diagnosis = run(found)
     speak.document(diagnosis.document)
-    speak.show(drawn(diagnosis.table(every=verbose)), *diagnosis.sentences)
+    speak.show(speak.table(diagnosis.table(every=verbose)), *diagnosis.sentences)

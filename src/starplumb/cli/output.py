@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import re
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
@@ -33,6 +34,9 @@ PIPE_WIDTH = 120
 """Columns of a table that no terminal shows: the same whatever it is piped into."""
 
 
+_DATE_AND_TIME = re.compile(r"\b(\d{4}-\d\d-\d\d)T(?=\d\d:\d\d)")
+
+
 @dataclass(frozen=True)
 class Output:
     """The way one command speaks: ``json`` prints only the document, ``quiet`` nothing, ``verbose`` details as well."""
@@ -57,7 +61,11 @@ class Output:
     def shown(self, thing: Shown, *sentences: str) -> None:
         """The tables and sentences of an object, and further sentences."""
         if not (self.json or self.quiet):
-            self.show(*map(drawn, thing.tables), *thing.sentences, *sentences)
+            self.show(*map(self.table, thing.tables), *thing.sentences, *sentences)
+
+    def table(self, cells: Cells) -> Table:
+        """A table as wide as the terminal takes."""
+        return drawn(cells, self.console.width)
 
     def detail(self, *parts: RenderableType) -> None:
         if self.verbose:
@@ -97,21 +105,47 @@ class Output:
         return track(items, doing, total=total, console=console, transient=True)
 
 
-def drawn(cells: Cells) -> Table:
-    """A small table with lines; one whose cells have several lines is drawn open, with room between its rows."""
+def drawn(cells: Cells, room: int) -> Table:
+    """A small table with lines; one whose cells have several lines is drawn open, with space between its rows.
+
+    Where there is no ``room`` for all columns, cells go on below, at their spaces as long as that helps.
+    """
     from rich import box
     from rich.table import Table
 
     several = any("\n" in cell for row in cells.rows for cell in row)
     open_style: dict[str, Any] = {"box": box.SIMPLE_HEAD, "leading": 1, "pad_edge": False} if several else {}
     table = Table(title=visible(cells.caption), title_justify="left", **open_style)
-    for i, heading in enumerate(cells.head):
-        text = i < cells.text_columns
-        table.add_column(
-            visible(heading), justify="left" if text else "right", overflow="fold" if text else "ellipsis"
-        )
-    for i, row in enumerate(cells.rows):
-        if cells.totals and i == len(cells.rows) - cells.totals:
+    rows = [[visible(_apart(cell)) for cell in row] for row in cells.rows]
+    head = [visible(heading) for heading in cells.head]
+    widths = _widths([head, *rows], room, 3)
+    if widths is None:  # too many columns for spaces beside their lines
+        widths, table.padding = _widths([head, *rows], room, 1), (0, 0)
+    for i, (heading, width) in enumerate(zip(head, widths or len(head) * [None], strict=True)):
+        side: Any = "left" if i < cells.text_columns else "right"
+        table.add_column(heading, justify=side, overflow="fold", width=width)
+    for i, row in enumerate(rows):
+        if cells.totals and i == len(rows) - cells.totals:
             table.add_section()
-        table.add_row(*map(visible, row))
+        table.add_row(*row)
     return table
+
+
+def _widths(rows: Sequence[Sequence[str]], room: int, beside: int) -> list[int] | None:
+    """Widths of columns that break no word, with lines and spaces ``beside`` each; None where there is none such."""
+    columns = list(zip(*rows, strict=True))
+    whole = [max(map(len, column)) for column in columns]
+    words = [max(len(word) for cell in column for word in [*cell.split(), ""]) for column in columns]
+    spare = room - beside * len(columns) - 1 - sum(words)
+    wish = sum(whole) - sum(words)
+    if spare < 0:
+        return None
+    return [
+        least + min(spare, wish) * (most - least) // max(wish, 1)
+        for least, most in zip(words, whole, strict=True)
+    ]
+
+
+def _apart(cell: str) -> str:
+    """A cell with room between date and time, so that it may go on below there."""
+    return _DATE_AND_TIME.sub(r"\1 ", cell)

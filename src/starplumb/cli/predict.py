@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from .archive.options import OfCamera, OfSatellite
-from .output import Json, Output, Quiet, Verbose, drawn
+from .output import Json, Output, Quiet, Verbose
 
 
 def predict(
@@ -56,4 +56,4 @@ def predict(
     found = run(result, at, given, satellite, camera)
     speak.notices(found.notices)
     speak.document(found.document)
-    speak.show(*map(drawn, found.tables), *found.answer)
+    speak.show(*map(speak.table, found.tables), *found.answer)

@@ -108,20 +108,20 @@ def _table(name: str, found: dict[str, Any], method: dict[str, Any]) -> Table:
     rows = []
     for share in method["sources"]:
         source, component, sigma, unit = _label(share)
-        slope = _GAP.join(slopes(share, method["sigma_arcsec"]))
         rows.append(
             (
                 f"{source} {component}".strip(),
                 f"{sigma:.4g} {unit}",
                 _GAP.join(contributed(share, method["sources"])),
-                f"{slope} per {unit}",
+                _GAP.join(slopes(share, method["sigma_arcsec"])),
             )
         )
     stated = method["stated_sigma_arcsec"]
     rows.append(("sigma it has", "", _GAP.join(map(number, method["sigma_arcsec"])), ""))
     rows.append(("sigma it states", "", "none" if stated is None else _GAP.join(map(number, stated)), ""))
     head = ("source", "sigma", "contributes", "d sigma / d source")
-    return Table(f"{name} in {found['scenario']}, arcsec about x, y, z of E", head, rows, note=NOTE, totals=2)
+    caption = f"{name} in {found['scenario']}, arcsec about x, y, z of E; slopes per unit of the source"
+    return Table(caption, head, rows, note=NOTE, totals=2)
 
 
 def _sentences(found: dict[str, Any]) -> Iterator[str]:

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..options.places import require_place
-from ..output import Output, drawn
+from ..output import Output
 
 if TYPE_CHECKING:
     from ...session.mission.fleet import Asked
@@ -44,7 +44,7 @@ def fleet(
     publish(folder, {"fleet.json": json_text(done), "fleet.html": fleet_page(done)})
     speak.document(done)
     rows = [(one["campaign"], one["status"] + " (was there)" * one["resumed"]) for one in done["campaigns"]]
-    speak.show(drawn(Table("Campaigns", ("campaign", "status"), rows, text_columns=2)))
+    speak.show(speak.table(Table("Campaigns", ("campaign", "status"), rows, text_columns=2)))
     speak.show(f"written: {folder / 'fleet.html'}")
     if (failed := complaint(done)) is not None:
         raise failed

@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
-from ..output import Json, Output, Quiet, Verbose, drawn
+from ..output import Json, Output, Quiet, Verbose
 from .options import File
 
 
@@ -40,7 +40,9 @@ def rerun(
     told = f"changed: {', '.join(changed)}" if changed else "nothing changes"
     lost = [f"not run: {one['name']}, {one['reason']}" for one in done["not_run"]]
     speak.show(
-        drawn(Table(f"{file} with starplumb {done['software']}", head, rows, text_columns=4)), told, *lost
+        speak.table(Table(f"{file} with starplumb {done['software']}", head, rows, text_columns=4)),
+        told,
+        *lost,
     )
 
 

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from ..options.places import require_place
-from ..output import Json, Output, Quiet, Verbose, drawn
+from ..output import Json, Output, Quiet, Verbose
 from .options import File, OfCamera, OfSatellite
 
 
@@ -56,7 +56,7 @@ def trend(
         publish(out, {"trend.html": found.page()})
         written = [f"written: {out / 'trend.html'}"]
     speak.document(found.document)
-    speak.show(*map(drawn, found.tables), *found.sentences, *written)
+    speak.show(*map(speak.table, found.tables), *found.sentences, *written)
 
 
 def event(

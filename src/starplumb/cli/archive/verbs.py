@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from ..output import Json, Output, Quiet, Verbose, drawn
+from ..output import Json, Output, Quiet, Verbose
 from ..usage import WithNumbers
 from . import trends
 from .options import File, OfCamera, OfSatellite
@@ -125,7 +125,7 @@ def show(
     found = open_archive(file).show(satellite, camera)
     speak = Output(json, quiet, verbose)
     speak.document(found.document)
-    speak.show(*map(drawn, found.tables), *found.sentences)
+    speak.show(*map(speak.table, found.tables), *found.sentences)
 
 
 @archive.command("withdraw", cls=WithNumbers)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ..options.common import CampaignArgument
 from ..options.outside import Choice, OutsideOption
-from ..output import Json, Output, Quiet, Verbose, drawn
+from ..output import Json, Output, Quiet, Verbose
 
 
 def check(
@@ -34,6 +34,6 @@ def check(
     found = run(read_campaign(campaign, outside.value))
     speak.notices(found.document["notices"])
     speak.document(found.document)
-    speak.show(*map(drawn, found.tables), *found.told)
+    speak.show(*map(speak.table, found.tables), *found.told)
     speak.detail(*(f"{name}: {digest}" for name, digest in found.document["inputs"].items()))
     found.raise_if_unusable()
