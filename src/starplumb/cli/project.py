@@ -97,7 +97,7 @@ def project(
       \b
       starplumb project campaign.toml - < sites.csv > pixels.csv
     """
-    from ..physics.errors import InputError
+    from ..physics.errors import InputError, counted
     from ..session.campaign import read_campaign
     from ..session.ground.projection import PIXELS
     from ..session.ground.projection import project as run
@@ -124,7 +124,7 @@ def project(
     speak.notices([*found.notices, *done.notices])
     if out is not None:
         done.save(out)
-        speak.show(f"written: {out / PIXELS}: {len(done.answer)} rows")
+        speak.show(f"written: {out / PIXELS}: {counted(len(done.answer), 'row')}")
     elif single:
         speak.show(*done.answer)
     elif not json and not quiet:

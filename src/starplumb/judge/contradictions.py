@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ..estimators.protocol import Rival
 from ..estimators.robust import EVEN
+from ..physics.errors import counted
 from ..physics.units import ARCSEC
 from ..solve.reliability import Tested
 from ..table.campaign import Campaign
@@ -65,8 +66,8 @@ def rival(support: Support, other: Rival | None) -> Finding | None:
     lost = np.argsort(used - offered, kind="stable")[: int(other.images)]
     angle = float(np.linalg.norm(other.turn_E)) / ARCSEC
     found = (
-        f"rejected sightings in {int(other.images)} images agree on another answer, {angle:.3g} arcsec from this one, "
-        f"with {float(other.support):.0%} of its support"
+        f"rejected sightings in {counted(int(other.images), 'image')} agree on another answer, {angle:.3g} arcsec "
+        f"from this one, with {float(other.support):.0%} of its support"
     )
     cure = (
         f"look at images {support.images(lost)} for what is wrong in all of them alike (a misplaced reference image, "
@@ -84,7 +85,7 @@ def rejected_images(support: Support) -> Finding | None:
     total = int(np.sum(offered > 0))
     if out.size <= IMAGES_OUT * total:
         return None
-    found = f"{out.size} of {total} images ({support.images(out)}) are rejected as a whole"
+    found = f"{out.size} of {counted(total, 'image')} ({support.images(out)}) are rejected as a whole"
     if out.size >= MINORITY * total:
         return Finding(
             f"{found}: those left are no majority, and an input that all images share may be wrong; run starplumb "

@@ -1,4 +1,7 @@
-"""Errors that a user can correct: one sentence with the file, the row or key, what was found and what is wanted."""
+"""Errors that a user can correct: one sentence with the file, the row or key, what was found and what is wanted.
+
+And words for such sentences.
+"""
 
 from __future__ import annotations
 
@@ -57,6 +60,11 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
     """What ends a sentence about an unknown name: the known one that is most likely meant; nothing where none is."""
     near = nearest(word, known)
     return f" (did you mean {near}?)" if near else ""
+
+
+def counted(n: int, one: str, several: str | None = None) -> str:
+    """``1 image``, ``2 images``."""
+    return f"{n} {one if n == 1 else several or f'{one}s'}"
 
 
 class EpochError(InputError):

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..physics import so3
+from ..physics.errors import counted as counted
 from ..physics.units import DEG
 
 Array = NDArray[np.float64]
@@ -69,11 +70,6 @@ def amount_of_bytes(n: float) -> str:
         if n >= size:
             return f"{n / size:.3g} {unit}"
     return f"{n:.0f} bytes"
-
-
-def counted(n: int, one: str, several: str | None = None) -> str:
-    """``1 image``, ``2 images``."""
-    return f"{n} {one if n == 1 else several or f'{one}s'}"
 
 
 def listed(words: Iterable[str]) -> str:

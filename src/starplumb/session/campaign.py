@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ..io.campaign.marks.outside import Outside
 from ..io.campaign.read import LoadedCampaign, load_campaign
 from ..physics.errors import InputError
+from ..report.text import counted
 from ..table.campaign import Campaign as Physics
 from .arguments import Seed, Wanted, checked
 from .show import Shown
@@ -128,10 +129,11 @@ class Campaign(Shown):
         checks = int(np.sum(campaign.sightings.check))
         seen = f"{campaign.sightings.image.size - checks} control and {checks} check observations"
         if detections is not None:
-            seen = f"{detections.image.size} detections whose landmarks are not known"
+            seen = f"{counted(detections.image.size, 'detection')} whose landmarks are not known"
         camera = "line scanner" if campaign.camera.scans else "frame camera"
         return (
-            f"Campaign {self.name!r}: {camera}, {len(self.images)} images, {len(self.landmarks)} landmarks, {seen}",
+            f"Campaign {self.name!r}: {camera}, {counted(len(self.images), 'image')}, "
+            f"{counted(len(self.landmarks), 'landmark')}, {seen}",
             *(f"note: {notice}" for notice in self.notices),
         )
 

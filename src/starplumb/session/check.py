@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..io.campaign.read import LoadedCampaign
 from ..judge.files.overview import Rounding, Span, covered_images, misfits, rates, roundings, spans
-from ..physics.errors import EpochError, InputError
+from ..physics.errors import EpochError, InputError, counted
 from ..physics.timescales import format_iso
 from ..physics.units import DEG
 from ..report.page import Table
@@ -91,7 +91,7 @@ class Check(Shown):
         marks, images, sites, misfit = d["marks"], d["images"], d["landmarks"], d["model_misfit"]
         seen = f"{marks['control']} control and {marks['check']} check marks"
         if marks["detections"]:
-            seen = f"{marks['detections']} detections"
+            seen = counted(marks["detections"], "detection")
         sites_seen = f"{_count(sites['count'], 'landmark')} ({len(sites['not_seen'])} not seen)"
         each = f"{marks['fewest_in_an_image']} to {marks['most_in_an_image']} in an image"
         lines = [

@@ -11,6 +11,7 @@ import numpy as np
 from ..io.text.write import Column
 from ..physics.errors import InputError
 from ..report.page import Table
+from ..report.text import counted
 from .show import Shown
 
 if TYPE_CHECKING:
@@ -56,7 +57,7 @@ class Frame(Shown):
         first = {name: column[:SHOWN] for name, column in self.to_dict().items()}
         rows = [tuple(map(_cell, row)) for row in zip(*first.values(), strict=True)]
         more = f", the first {SHOWN}" if len(self) > SHOWN else ""
-        return (Table(f"{self.title}: {len(self)} rows{more}", self.names, rows),)
+        return (Table(f"{self.title}: {counted(len(self), 'row')}{more}", self.names, rows),)
 
 
 def _plain(column: Column) -> Any:

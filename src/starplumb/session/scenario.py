@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 
 from ..io.scenario.read import Read, read_scenario
 from ..plan.scenario import Scenario as Data
+from ..report.text import counted
 from .arguments import checked
 from .show import Shown
 
@@ -32,7 +33,8 @@ class Scenario(Shown):
         truth = self.data.truth
         sources = ", ".join(source.name for source in self.data.sources)
         return (
-            f"Scenario {self.name!r}: {truth.n} observations in {truth.n_images} images; errors: {sources}",
+            f"Scenario {self.name!r}: {counted(truth.n, 'observation')} in "
+            f"{counted(truth.n_images, 'image')}; errors: {sources}",
             *([self.data.description] if self.data.description else []),
         )
 

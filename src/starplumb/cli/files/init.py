@@ -71,7 +71,7 @@ def init(
       \b
       starplumb init study --scenario two-images && starplumb budget study/scenario.toml
     """
-    from ...physics.errors import InputError
+    from ...physics.errors import InputError, counted
     from ...session.beginning import require_new, schema_text, write_scenario, write_template
     from ...session.campaign import write_demo
     from ...session.imagery.example import require_alone, write_drawn_example
@@ -110,7 +110,7 @@ def init(
             {"campaign": str(path), "images": images, "observations": int(data.sightings.image.size)}
         )
         told = [
-            f"wrote {path}: {images} images of {len(data.landmarks.ids)} markers, the true mounting known",
+            f"wrote {path}: {counted(images, 'image')} of {len(data.landmarks.ids)} markers, the true mounting known",
             f"next: starplumb calibrate {path}",
         ]
     speak.detail(*(f"wrote {file}" for file in sorted(folder.iterdir())))

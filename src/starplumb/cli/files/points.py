@@ -67,6 +67,7 @@ def points(
     from ...disk.publish import publish_beside
     from ...io.campaign.marks.ground_tables import Sigmas, tables
     from ...io.gis.heights import Ground
+    from ...physics.errors import counted
 
     speak = Output(json, quiet, verbose)
     found, notices = tables(
@@ -80,8 +81,8 @@ def points(
     speak.detail(*(f"read {path}" for path in files))
     speak.document({"landmarks": found.landmarks, "observations": found.observations, "images": found.images})
     speak.show(
-        f"wrote {out / 'landmarks.csv'}: {found.landmarks} landmarks",
-        f"wrote {out / 'observations.csv'}: {found.observations} observations in {', '.join(found.images)}",
+        f"wrote {out / 'landmarks.csv'}: {counted(found.landmarks, 'landmark')}",
+        f"wrote {out / 'observations.csv'}: {counted(found.observations, 'observation')} in {', '.join(found.images)}",
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ...estimators.usable import EXACT
+from ...physics.errors import counted
 from ..trust import Finding, probability
 from .from_data import SIGHTINGS, FromData, SourceFound
 from .next_session import FEW_SESSIONS, NextSession
@@ -38,8 +39,8 @@ def findings_of_sources(found: FromData | None, images: int) -> list[Finding]:
 
 def _unconfirmed(images: int) -> Finding:
     return Finding(
-        f"nothing here confirms the stated sigmas of attitude and orbit: the scatter of {images} images cannot tell; "
-        f"more than {FEW_IMAGES} images would",
+        f"nothing here confirms the stated sigmas of attitude and orbit: the scatter of {counted(images, 'image')} "
+        f"cannot tell; more than {FEW_IMAGES} images would",
         False,
     )
 

@@ -12,7 +12,7 @@ from ...imagery.pictures import Picture
 from ...imagery.verdicts import Verdict
 from ..cards import Card, Ellipse, Panel, shades, signed
 from ..page import Page, Section, Table, Tone, render
-from ..text import listed, number
+from ..text import counted, listed, number
 from .figures import histogram, image_map
 
 Document = Mapping[str, Any]
@@ -69,7 +69,8 @@ def _summary(document: Document) -> str:
     sigma = [np.hypot(c["sigma_column_px"], c["sigma_row_px"]) / np.sqrt(2.0) for c in used]
     known = f", known to {number(float(np.median(sigma)), 2)} px each way (median)" if used else ""
     sought = (
-        f"{len(used)} of {len(document['candidates'])} chips in {len(document['images'])} images were found"
+        f"{len(used)} of {counted(len(document['candidates']), 'chip')} in "
+        f"{counted(len(document['images']), 'image')} were found"
     )
     return f"{sought}{known}. {document['message']}".rstrip(". ") + "."
 

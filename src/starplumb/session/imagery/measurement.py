@@ -23,6 +23,7 @@ from ...io.imagery.tables import Marks, campaign_text
 from ...io.text.files import read_text
 from ...physics.earth import C_JT, itrf_to_geodetic
 from ...physics.errors import InputError
+from ...report.text import counted
 from ...table.campaign import Landmarks
 from ..arguments import Folder, checked
 from ..show import Shown
@@ -70,7 +71,7 @@ class Measurement(Shown):
         """What should be known of the images that were left out."""
         if self.acquired == len(self.images):
             return ""
-        of = f"{self.acquired} of {len(self.images)} images could be measured"
+        of = f"{self.acquired} of {counted(len(self.images), 'image')} could be measured"
         first = next(image for image in self.images if image.reason)
         return f"{of}; {self._name(first)}: {first.reason}"
 
@@ -122,7 +123,7 @@ class Measurement(Shown):
     def sentences(self) -> Sequence[str]:
         out = [f"{self._name(image)} left out: {image.reason}" for image in self.images if image.reason]
         used = sum(len(image.used) for image in self.images if not image.reason)
-        what = f"{used} chips of {self.acquired} of {len(self.images)} images measured"
+        what = f"{counted(used, 'chip')} of {self.acquired} of {counted(len(self.images), 'image')} measured"
         if self.floor_px > 0.0:
             what += f"; {self.floor_px:.3f} px added to their sigmas for what they scatter beyond them"
         return [*out, what]

@@ -22,6 +22,7 @@ from ...io.imagery.config import ImageryConfig, ReferenceConfig
 from ...io.imagery.kept import KeptImages
 from ...io.imagery.scene import open_raws
 from ...io.text.files import fingerprint
+from ...report.text import counted
 from .measurement import Measurement
 
 if TYPE_CHECKING:
@@ -48,7 +49,9 @@ class TargetMeasurement(Measurement):
     def sentences(self) -> Sequence[str]:
         out = [f"{self._name(image)} left out: {image.reason}" for image in self.images if image.reason]
         used = sum(len(image.used) for image in self.images if not image.reason)
-        out.append(f"{used} targets of {self.acquired} of {len(self.images)} images measured")
+        out.append(
+            f"{counted(used, 'target')} of {self.acquired} of {counted(len(self.images), 'image')} measured"
+        )
         if not self.labelled:
             out.append("which target is which cannot be told: they are detections, for calibrate to name")
         return [*out, *self._noise()]
