@@ -199,9 +199,7 @@ def method_of(document: Mapping[str, Any], method: str | None) -> str:
     """A method of a document of several, by default the first.  Raises ArgumentError for another."""
     names = list(document["methods"])
     if method is not None and method not in names:
-        raise ArgumentError(
-            "method", f"found {method!r}, wanted one of {', '.join(names)}{did_you_mean(method, names)}"
-        )
+        raise ArgumentError("method", f"found {method!r}, wanted one of {', '.join(names)}")
     return names[0] if method is None else method
 
 
