@@ -448,3 +448,14 @@ def test_a_frame_without_pandas_names_the_way_out(monkeypatch):
     monkeypatch.setitem(sys.modules, "pandas", None)
     with pytest.raises(sp.InputError, match=r"to_frame needs pandas.*pip install pandas. or use to_dict"):
         numbered(2).to_frame()
+
+
+@pytest.mark.parametrize("camera", ["frame", "line-scan"])
+def test_an_example_without_files_names_no_folder(camera):
+    """The folder that the example was read from is gone; what is said of its files goes by their bare names."""
+    import tempfile
+
+    campaign = sp.demo(camera, 2)
+    told = f"{sp.check(campaign)} {campaign} {campaign.loaded.campaign.ephemeris.name} {campaign.loaded.rows.source}"
+    assert tempfile.gettempdir() not in told
+    assert "ephemeris.csv" in told

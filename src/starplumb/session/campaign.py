@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ..io.campaign.marks.outside import Outside
 from ..io.campaign.read import LoadedCampaign, load_campaign
 from ..physics.errors import InputError
+from ..physics.series import Attitude
 from ..report.text import counted
 from ..table.campaign import Campaign as Physics
 from .arguments import Seed, Wanted, checked
@@ -153,7 +154,22 @@ def demo(camera: Literal["frame", "line-scan"] = "frame", images: DemoImages = 8
 
     with TemporaryDirectory(prefix="starplumb-") as folder:
         path, _ = write_demo(Path(folder), camera, images, seed, schema_text("campaign"))
-        return Campaign(load_campaign(path), "demo")
+        loaded = load_campaign(path)
+    return Campaign(_without_folder(loaded), "demo")
+
+
+def _without_folder(loaded: LoadedCampaign) -> LoadedCampaign:
+    """A campaign whose files are gone, by their bare names."""
+    c = loaded.campaign
+    assert isinstance(c.attitude, Attitude)  # one tracker
+    data = replace(
+        c,
+        ephemeris=replace(c.ephemeris, name=Path(c.ephemeris.name).name),
+        attitude=replace(c.attitude, name=Path(c.attitude.name).name),
+        images=replace(c.images, name=Path(c.images.name).name),
+    )
+    rows = replace(loaded.rows, source=Path(str(loaded.rows.source)).name)
+    return replace(loaded, campaign=data, rows=rows, sources=())
 
 
 def write_demo(
