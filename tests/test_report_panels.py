@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import re
-import shutil
-import subprocess
 from dataclasses import replace
 
 import numpy as np
@@ -21,7 +18,6 @@ from starplumb.physics.units import ARCSEC, DEG
 from starplumb.plan.demo import demo
 from starplumb.report.calibration.facts import camera_words, facts, in_the_camera, pixel_rad
 from starplumb.report.calibration.fit_figures import image_panels, normality, own_over_the_field, standardised
-from starplumb.report.calibration.page import calibration_page
 from starplumb.report.calibration.sites import site_map, site_table, sites
 from starplumb.report.calibration.summary import summary_sentences
 from starplumb.report.charts.chart import Arrows, Boxes, Dots, Line
@@ -198,22 +194,3 @@ def test_panels_have_the_colours_of_the_figure_above(done):
     assert [mark.role for mark in drawn] == [above[role] for role in ("control", "check", "rejected")]
     assert drawn[-1].x.size <= 1
     assert not any(mark.name for mark in drawn)
-
-
-MEASURE = "<script>document.title = document.documentElement.scrollWidth + ' ' + innerWidth;</script></body>"
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(shutil.which("chromium") is None, reason="no chromium here")
-@pytest.mark.parametrize("width", [500, 1280])
-def test_no_page_is_wider_than_the_window(done, tmp_path, width):
-    """A browser's window is never narrower than 500 px; a phone's is taken from its pictures."""
-    document = result_document(done, "gls", ("camera", "star_tracker"), {}, {})
-    page = re.sub(r'<meta http-equiv="Content-Security-Policy"[^>]*>', "", calibration_page(done, document))
-    path = tmp_path / "page.html"
-    path.write_text(page.replace("</body>", MEASURE), encoding="utf-8")
-    options = ["--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={tmp_path / 'profile'}"]
-    command = ["chromium", *options, f"--window-size={width},900", "--dump-dom", path.as_uri()]
-    shown = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True).stdout
-    needed, window = map(int, re.search(r"<title>(\d+) (\d+)</title>", shown).groups())
-    assert needed <= window
