@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import json
-from io import StringIO
 
 import numpy as np
 import pytest
-from rich.console import Console
 from typer.testing import CliRunner
 
 import starplumb as sp
 from helpers import ATTITUDE, CAMPAIGN, EPHEMERIS, FILES, write_good_campaign
 from starplumb.cli.app import app
-from starplumb.cli.output import drawn
 from starplumb.documents.check import CheckDocument
 
 
@@ -151,10 +148,3 @@ def test_an_image_of_another_day_is_not_covered(tmp_path):
     found = sp.check(sp.read_campaign(tmp_path / "demo" / "campaign.toml", outside="skip"))
     assert found.document["images"]["not_covered"] == [name]
     assert found.document["marks"]["control"] > 0
-
-
-def test_a_narrow_terminal_folds_times_and_cuts_none(tmp_path):
-    (series, *_) = sp.check(sp.read_campaign(write_good_campaign(tmp_path))).tables
-    told = StringIO()
-    Console(file=told, width=80).print(drawn(series))
-    assert "…" not in told.getvalue()

@@ -29,6 +29,14 @@ def test_times_and_names_go_on_below_at_their_spaces():
         assert word in words
 
 
+def test_what_was_read_is_told_whole():
+    (series, *_) = sp.check(sp.demo()).tables
+    words = shown(series).replace("│", " ").split()
+    assert {word for row in series.rows for cell in row for word in cell.replace("T1", " 1").split()} <= set(
+        words
+    )
+
+
 @pytest.mark.parametrize("scenario", ["two-images", "cubesat-6u"])
 def test_a_budget_fits(scenario):
     for table in sp.budget(sp.scenario(scenario), "gls,wahba").tables:
