@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -32,6 +32,8 @@ SEARCH_PX = 5
 MARGIN_PX = 6
 AGREES = 0.25
 """Pixels around which window and template agree less than this are left out of the match."""
+AGREES_SOMEWHAT, AGREES_WELL = 0.1, 0.4
+"""The same where that is refused: in pixels that are not bright, and in all."""
 DARKER = 0.05, 0.25
 CLOUD_ABOVE = 1.5
 """Two levels of the darker half of a window, as parts of its pixels, and how many times as far above the upper one
@@ -182,16 +184,15 @@ def matched(piece: Piece, window: Array, peak: Peak) -> Tried:
     """The match of a window with a rim with a piece, sought from where their correlation stands out, else from the
     middle; and why it is not to be believed, None where it is.  Its place counts from the first pixel inside the rim.
 
-    It is sought in the pixels whose orientations agree; where it is refused so, in all that are not as bright as cloud.
+    It is sought in the pixels whose orientations agree; where it is refused so, in those of the other masks.
     """
     size, shift = window.shape[0], peak.shift if peak.height > STANDS else np.zeros(2)
     there = _sampled(piece, size, shift)
-    alike = agreement(orientation(window), orientation(there)) > AGREES
     start = 0.5 * (size - 2.0 * RIM_PX - 1.0) - shift
     inside = slice(RIM_PX, size - RIM_PX)
     known = np.isfinite(window) & np.isfinite(there)
     template, first = _template(piece, size), None
-    for use in (alike, _below_cloud(window)):
+    for use in _masks(window, agreement(orientation(window), orientation(there))):
         use = (use & known)[inside, inside]
         if np.mean(use) < LEAST_AGREEING:
             tried: Tried = None, _UNLIKE
@@ -203,6 +204,15 @@ def matched(piece: Piece, window: Array, peak: Peak) -> Tried:
             return tried
         first = first or tried
     return first or (None, _UNLIKE)
+
+
+def _masks(window: Array, alike: Array) -> Iterator[NDArray[np.bool_]]:
+    """The pixels (n, n) of a window that are tried one after the other, by how alike (n, n) the reference they are."""
+    yield alike > AGREES
+    below = _below_cloud(window)
+    yield below
+    yield below & (alike > AGREES_SOMEWHAT)
+    yield alike > AGREES_WELL
 
 
 def _below_cloud(window: Array) -> NDArray[np.bool_]:
