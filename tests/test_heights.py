@@ -69,6 +69,32 @@ def test_a_projected_raster_is_sampled_in_its_own_system(tmp_path):
     np.testing.assert_allclose(at(path, 0.0, 15.0 + 10.0 / 3600.0), 309.2 * 0.9996, atol=0.1)
 
 
+@pytest.mark.parametrize(
+    ("unit", "crs", "refused"),
+    [
+        ("m", "EPSG:4326", False),
+        ("ft", "EPSG:4326", True),
+        ("US survey foot", "EPSG:4326", True),
+        # NAD83 with NAVD88 heights in US survey feet, and in metres
+        (None, "EPSG:4269+6360", True),
+        (None, "EPSG:4269+5703", False),
+        # a grid in feet whose heights nobody says to be so
+        (None, "EPSG:2263", False),
+    ],
+)
+def test_heights_that_a_file_says_are_in_feet_are_refused(tmp_path, unit, crs, refused):
+    path = write(tmp_path / "dem.tif", np.full((4, 4), 300.0), 5.0, 47.0, 1.0, crs)
+    if unit is not None:
+        with rasterio.open(path, "r+") as file:
+            file.units = (unit,)
+    try:
+        said = str(surface(path, "geoid", None))
+    except InputError as error:
+        said = str(error)
+    assert ("found heights in feet" in said) == refused
+    assert ("wanted the geoid's grid" in said) != refused
+
+
 @pytest.mark.parametrize("west", [-0.5, -180.5, -180.0])
 def test_a_grid_around_the_earth_has_no_seam(tmp_path, west):
     """N = cos(longitude) + latitude, on grids that begin at 0 or at -180, on cell centres or edges."""

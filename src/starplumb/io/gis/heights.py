@@ -31,6 +31,8 @@ Heights = Literal["ellipsoidal", "geoid"]
 
 _ON_A_GEOID = re.compile(r"\b(VERT_CS|VERTCRS|VERTICALCRS|COMPD_CS|COMPOUNDCRS)\b")
 _THREE_AXES = re.compile(r'AXIS\["[Ee]llipsoidal height')
+_IN_FEET = re.compile(r'\bVERT(?:_CS|CRS)\b.*?UNIT\["([^"]*(?:foot|feet)[^"]*)"', re.DOTALL | re.IGNORECASE)
+_FEET = re.compile(r"ft|.*(foot|feet).*|us-ft|ft-us|ftus", re.IGNORECASE)
 MOST_CELLS = 1 << 22
 """Cells of a raster that are read at a time (32 MB)."""
 HEIGHTS_M = (-1000.0, 9500.0)
@@ -227,6 +229,7 @@ class Surface:
 def surface(dem: Path, heights: Heights | None, geoid: Path | None) -> Surface:
     """A DEM whose heights are what the user says; raises InputError where that is not said or the file disagrees."""
     raster = Raster.open(dem, HEIGHTS_M)
+    _require_metres(raster)
     if heights is None:
         raise InputError(
             f'{dem}: found heights of a kind not stated, wanted heights = "ellipsoidal", or "geoid" with its grid'
@@ -240,6 +243,17 @@ def surface(dem: Path, heights: Heights | None, geoid: Path | None) -> Surface:
             raise InputError(f"{dem}: found heights above a geoid, wanted the geoid's grid too")
         return Surface(raster, Raster.open(geoid, _GEOID_M))
     return Surface(raster, None)
+
+
+def _require_metres(raster: Raster) -> None:
+    """Raise InputError where a file itself says that its heights are in feet, of its band or its reference system."""
+    unit = next(iter(raster.dataset.units), None) or ""
+    in_feet = _IN_FEET.search(raster.dataset.crs.to_wkt())
+    if in_feet is not None or _FEET.fullmatch(unit):
+        found = unit or (in_feet[1] if in_feet is not None else "")
+        raise InputError(
+            f"{raster.path}: found heights in feet ({show(found)}), wanted metres: multiply them by 0.3048"
+        )
 
 
 @dataclass(frozen=True)
