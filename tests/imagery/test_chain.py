@@ -150,6 +150,21 @@ def test_of_a_cell_the_place_with_structure_is_taken(rng):
     assert structure(np.full((48, 48), np.nan)) == 0.0
 
 
+def test_chips_of_neighbouring_cells_do_not_show_the_same_pixels_twice(rng):
+    values = np.zeros((200, 200))
+    # all structure about the corner of four cells
+    values[76:124, 76:124] = rng.normal(size=(48, 48))
+    places = candidate_places(RawArray(values), (4, 4), 48, 8)
+    apart = np.abs(places[:, None] - places).max(axis=-1)[np.triu_indices(len(places), 1)]
+    assert len(places) > 8
+    assert apart.min() >= 24.0
+    best = places[np.argmin(np.abs(places - 99.5).max(axis=1))]
+    assert np.abs(best - 99.5).max() < 15.0
+    # cells smaller than a chip's half: some have no place of their own
+    crowded = candidate_places(RawArray(rng.normal(size=(120, 120))), (6, 6), 48, 8)
+    assert 4 <= len(crowded) < 36
+
+
 def test_a_bare_window_is_told_by_its_brightness():
     brightness = Brightness.of(np.linspace(0.0, 1000.0, 1001)[None])
     assert brightness.bare(np.full((4, 4), 990.0))[0] == Verdict.CLOUD

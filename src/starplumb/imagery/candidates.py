@@ -1,4 +1,8 @@
-"""Where in an image to look for chips: the place with most structure in both directions of each cell of a grid."""
+"""Where in an image to look for chips: the place with most structure in both directions of each cell of a grid.
+
+Chips of cells beside one another lie at least half a chip apart: two that show nearly the same pixels would count as
+two sightings, and are one.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +20,8 @@ TRIED = 3
 def candidate_places(raw: Raw, grid: tuple[int, int], chip_px: int, rim_px: int) -> Array:
     """Middles (n, 2) of chips of an image, a row of cells after the other; ``rim_px`` are kept free at its border.
 
-    Chips have their middle between pixels where ``chip_px`` is even.  None where the image is smaller than a chip.
+    Chips have their middle between pixels where ``chip_px`` is even.  A cell all of whose places are taken has none,
+    nor has an image that is smaller than a chip.
     """
     columns, rows = raw.size_px
     half = 0.5 * (chip_px - 1)
@@ -26,13 +31,21 @@ def candidate_places(raw: Raw, grid: tuple[int, int], chip_px: int, rim_px: int)
     ]
     if edges[0][0] > edges[0][-1] or edges[1][0] > edges[1][-1]:
         return np.empty((0, 2))
-    places = []
+    places = np.empty((0, 2))
     for i in range(grid[1]):
         for j in range(grid[0]):
             tried = _within(edges[0][j : j + 2], edges[1][i : i + 2], half)
-            worth = [structure(_window(raw, place, chip_px)) for place in tried]
-            places.append(tried[int(np.argmax(worth))])
-    return np.unique(np.array(places), axis=0)
+            tried = tried[_apart(tried, places) >= 0.5 * chip_px]
+            if len(tried):
+                worth = [structure(_window(raw, place, chip_px)) for place in tried]
+                places = np.concatenate([places, tried[[int(np.argmax(worth))]]])
+    return places
+
+
+def _apart(tried: Array, chosen: Array) -> Array:
+    """How far places (t, 2) are from the nearest of those chosen (n, 2), along the axis along which that is farther."""
+    between = np.abs(tried[:, None] - chosen).max(axis=-1)
+    return np.asarray(between.min(axis=1, initial=np.inf))
 
 
 def _within(x: Array, y: Array, half: float) -> Array:
