@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from world import RawArray, world
 
 from starplumb.imagery.chain import Wanted, measure_images
 from starplumb.imagery.coarse import coarse_images
+from starplumb.io.imagery import scene
 from starplumb.io.imagery.config import ImageryConfig
 from starplumb.io.imagery.ortho import Tile
 from starplumb.io.imagery.overlaps import require_agreement
@@ -182,3 +184,25 @@ def test_tiles_in_several_reference_systems_are_one_orthoimage(tmp_path, rng):
         sampled = tile.sample(*np.deg2rad(at), 5.0)
         assert np.nanmax(np.abs(sampled - bright(at[1], at[0]))) < 3.0
         assert np.isfinite(sampled).mean() > 0.3
+
+
+def test_orthoimages_of_pngs_that_would_fill_the_memory_are_refused(tmp_path, monkeypatch):
+    """They are held whole, all of them."""
+    for name in "ab":
+        Image.fromarray(np.ones((40, 50), dtype=np.uint8)).save(tmp_path / f"{name}.png")
+        (tmp_path / f"{name}.pgw").write_text("1e-5\n0\n0\n-1e-5\n9\n45\n")
+    reference = SimpleNamespace(files=("*.png",), band=1, crs="EPSG:4326", nodata=None)
+    paths = scene.reference_paths("c.toml", tmp_path, reference)
+    monkeypatch.setattr(scene, "MOST_PNG", 2 * 4000)
+    assert len(list(scene._tiles("c.toml", paths, reference))) == 2
+    monkeypatch.setattr(scene, "MOST_PNG", 2 * 3999)
+    with pytest.raises(InputError, match=r"c\.toml: reference\.files: found PNGs of more than 3,999 pixels"):
+        list(scene._tiles("c.toml", paths, reference))
+
+
+def test_a_pattern_that_is_looked_for_along_every_way_is_refused(tmp_path):
+    reference = SimpleNamespace(files=("**/**/*.png",))
+    with pytest.raises(
+        InputError, match=r'reference\.files: found "\*\*/\*\*/\*\.png", wanted \*\* once at most'
+    ):
+        scene.reference_paths("c.toml", tmp_path, reference)

@@ -6,6 +6,7 @@ import hashlib
 import json
 import re
 import shutil
+import tracemalloc
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -85,6 +86,25 @@ def test_a_chip_is_the_orthoimage_and_the_heights_around_its_centre(tmp_path):
     (row,) = (tmp_path / "lib" / TABLE).read_text().splitlines()[1:]
     assert row.startswith("N45.00000W179.99900,EPSG:4326,N45.00000W179.99900.png,sha256:")
     assert chip_id(-0.5, 7.25) == "S00.50000E007.25000"
+
+
+def test_a_library_that_would_fill_the_memory_is_refused(tmp_path, monkeypatch):
+    """By the pixels of all its chips, and without reading a file of gigabytes to see that it is no chip."""
+    write_library(tmp_path / "lib", scene(), cut())
+    table = tmp_path / "lib" / TABLE
+    (chip,) = read_library(table)
+    monkeypatch.setattr("starplumb.io.imagery.library.MOST_PIXELS", chip.cells)
+    assert len(read_library(table)) == 1
+    monkeypatch.setattr("starplumb.io.imagery.library.MOST_PIXELS", chip.cells - 1)
+    with pytest.raises(InputError, match=r"chips\.csv: found chips of more than [\d,]+ pixels, wanted fewer"):
+        read_library(table)
+    with (tmp_path / "lib" / "N45.00000W179.99900.png").open("wb") as file:
+        file.truncate(300_000_000)
+    tracemalloc.start()
+    with pytest.raises(InputError, match=r"column sha256: found a digest that is not that of"):
+        read_library(table)
+    assert tracemalloc.get_traced_memory()[1] < 5e7
+    tracemalloc.stop()
 
 
 def test_a_chip_that_the_reference_hardly_knows_is_left_out_and_nothing_is_replaced(tmp_path):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -10,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ..physics.errors import InputError
-from .parts import stale
+from .parts import read_json, stale
 
 FILES = "files"
 """The key of a mark under which the other files of its set stand with their digests."""
@@ -97,12 +96,7 @@ def _written(folder: Path, name: str, kind: str, there: set[str]) -> set[str]:
 
 def _marks(folder: Path, name: str, kind: str) -> Iterator[dict[str, Any]]:
     for place in (folder, *stale(folder)):
-        if not (place / name).is_file():  # a pipe would keep us waiting
-            continue
-        try:
-            document = json.loads((place / name).read_bytes())
-        except (OSError, ValueError, RecursionError):
-            continue
+        document = read_json(place / name)
         if isinstance(document, dict) and _family(document.get("schema")) == _family(kind):
             yield document
 

@@ -15,9 +15,12 @@ from collections.abc import Iterator, Sequence
 from itertools import count
 from pathlib import Path
 from platform import node
+from typing import Any
 
 ORDER = ".order"
 """The file that names what is being renamed."""
+MOST_JSON, MOST_VALUES = 100_000_000, 3_000_000
+"""Bytes and values of a document of ours."""
 _PREFIX = ".starplumb"
 _NAME = re.compile(rf"\{_PREFIX}-([0-9a-f]{{8}})-(\d+)-\d+\.part")
 _numbers = count()
@@ -33,7 +36,12 @@ def new_part(folder: Path) -> Path:
 def stale(folder: Path) -> Iterator[Path]:
     """Such folders of processes of this machine that are gone."""
     try:
-        found = [Path(entry.path) for entry in os.scandir(folder) if entry.name.startswith(_PREFIX)]
+        # a link would have us remove what is elsewhere
+        found = [
+            Path(entry.path)
+            for entry in os.scandir(folder)
+            if entry.name.startswith(_PREFIX) and entry.is_dir(follow_symlinks=False)
+        ]
     except OSError:
         return
     for part in found:
@@ -53,14 +61,30 @@ def note_order(part: Path, names: Sequence[str]) -> None:
 def half_placed(folder: Path) -> tuple[Path, list[str]] | None:
     """The folder and files of a set of which a process that is gone had renamed some, and not the last."""
     for part in stale(folder):
-        try:
-            names = json.loads((part / ORDER).read_bytes())
-            left = [(part / name).exists() for name in names]
-        except (OSError, ValueError, TypeError):
+        names = read_json(part / ORDER)
+        if not isinstance(names, list) or not all(map(_is_name, names)):
             continue
-        if left and left[-1] and not all(left) and all(Path(name).name == name for name in names):
+        left = [os.path.lexists(part / name) for name in names]
+        if left and left[-1] and not all(left):
             return part, names
     return None
+
+
+def _is_name(name: object) -> bool:
+    """Whether it is that of a file in the folder itself."""
+    return isinstance(name, str) and name not in ("", ".", "..") and Path(name).name == name
+
+
+def read_json(path: Path) -> Any:
+    """What a file that we may have written says; None where there is none, or one that we have not: anything may stand
+    in a folder that came from elsewhere, a pipe or a file without end too."""
+    try:
+        if not path.is_file() or path.stat().st_size > MOST_JSON:
+            return None
+        data = path.read_bytes()
+        return None if sum(map(data.count, (b",", b"[", b"{"))) > MOST_VALUES else json.loads(data)
+    except (OSError, ValueError, RecursionError):
+        return None
 
 
 def remove(part: Path, keep: str | None = None) -> None:

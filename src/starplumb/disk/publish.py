@@ -57,9 +57,7 @@ def publish_beside(folder: Path, files: Mapping[str, str], inputs: Sequence[Path
         place = folder / name
         require_not_read(place, inputs)
         try:
-            other = place.exists() and not (
-                place.is_file() and place.read_bytes() == b"".join(encoded([text]))
-            )
+            other = place.exists() and not _holds(place, b"".join(encoded([text])))
         except OSError:
             other = True
         if other:
@@ -68,6 +66,10 @@ def publish_beside(folder: Path, files: Mapping[str, str], inputs: Sequence[Path
                 "move the file away"
             )
     publish(folder, files)
+
+
+def _holds(place: Path, data: bytes) -> bool:
+    return place.is_file() and place.stat().st_size == len(data) and place.read_bytes() == data
 
 
 def write_text(path: Path, text: str) -> None:

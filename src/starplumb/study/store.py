@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from ..disk.arrays import read_arrays, write_arrays
+from ..disk.parts import read_json
 from ..disk.publish import publish
-from ..disk.staging import cannot_write
 from ..physics.errors import InputError
 from .monte_carlo import Arrays, Study
 
@@ -32,12 +32,7 @@ class Store:
         if not manifest.exists():
             publish(folder, {MANIFEST: json.dumps(study.fingerprint, indent=1)})
             return cls(folder, study)
-        try:
-            found = json.loads(manifest.read_text("utf-8")) if manifest.is_file() else None
-        except OSError as error:
-            raise cannot_write(folder, error) from None
-        except (ValueError, RecursionError):
-            found = None
+        found = read_json(manifest)
         if not isinstance(found, dict):
             raise InputError(
                 f"{manifest}: found it damaged, wanted that of a study; remove {folder} or choose another one"

@@ -12,7 +12,7 @@ from hashlib import sha256
 from pathlib import Path
 
 from ...disk.staging import staged
-from ..text.files import trouble
+from ..text.files import fingerprint, trouble
 
 MOST_BYTES = 1_000_000_000
 """Of one kept file."""
@@ -45,15 +45,15 @@ def keep(archive: Path, digest: str, path: Path) -> bool:
     place = place_of(archive, digest)
     if place.is_file():
         return True
-    if trouble(path) is not None:
+    if trouble(path) is not None or path.stat().st_size > MOST_BYTES:
         return False
     try:
-        data = path.read_bytes()
+        if fingerprint(path) != digest:
+            return False
+        with path.open("rb") as file:
+            _write(place, _packed(iter(lambda: file.read(PIECE), b"")))
     except OSError:
         return False
-    if f"sha256:{sha256(data).hexdigest()}" != digest:
-        return False
-    _write(place, _packed([data]))
     return True
 
 

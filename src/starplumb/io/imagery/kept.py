@@ -48,7 +48,15 @@ class KeptImages:
     def recall(self, name: str) -> Any | None:
         """What was kept under a name; None where there is nothing, or it is of other inputs or spoilt."""
         arrays = read_arrays(self._path(name), self._about(name))
-        return None if arrays is None else unpacked(arrays)
+        try:
+            return None if arrays is None else unpacked(arrays)
+        except (
+            LookupError,
+            TypeError,
+            ValueError,
+            RecursionError,
+        ):  # whoever wrote the digest wrote another thing
+            return None
 
     def keep(self, name: str, thing: object) -> None:
         """Write it.  Raises InputError where that cannot be done."""

@@ -8,7 +8,6 @@ no data.  The PNG of heights has the same middle, values ``heights_low_m + value
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -25,7 +24,7 @@ from ...physics.units import DEG
 from ..gis.heights import HEIGHTS_M
 from ..tables.columns import GEODETIC
 from ..tables.read import Table, read_table
-from ..text.files import show, trouble
+from ..text.files import fingerprint, show, trouble
 from .ortho import DEGREES, Tile
 from .rasters import PngPixels, RawImage, open_pixels
 
@@ -37,6 +36,8 @@ HEIGHTS = ("heights_file", "heights_sha256")
 HEIGHT_NUMBERS = ("heights_gsd_m", "heights_low_m", "heights_step_m")
 GSD_M = (1e-3, 1e4)
 LEAST_PX, MOST_PX = 24, 4096
+MOST_PIXELS = 400_000_000
+"""Of a library, with those of its heights: ten thousand chips of 128 pixels have 330 million bytes."""
 MOST_LATITUDE_DEG = 89.0
 """Cells to the east are none at the poles."""
 _PROBE_M = 100.0
@@ -56,6 +57,12 @@ class LibraryChip:
     spacing_m: float
     degrees_a_metre: tuple[float, float]
     centre_deg: tuple[float, float]
+
+    @property
+    def cells(self) -> int:
+        """How many pixels it has, with those of its heights."""
+        each = (self.tile.image.pixels, *([] if self.pixels is None else [self.pixels]))
+        return sum(columns * rows for columns, rows in (one.size for one in each))
 
     @cached_property
     def _terrain(self) -> Terrain | None:
@@ -140,7 +147,15 @@ def read_library(table: Path) -> list[LibraryChip]:
         (height >= HEIGHTS_M[0]) & (height <= HEIGHTS_M[1]), GEODETIC[2], "{:g} to {:g}".format(*HEIGHTS_M)
     )
     read.require((gsd >= GSD_M[0]) & (gsd <= GSD_M[1]), "gsd_m", "metres, 0.001 to 10000")
-    return [_chip(read, row) for row in range(len(read))]
+    chips, pixels = list[LibraryChip](), 0
+    for row in range(len(read)):
+        chips.append(_chip(read, row))
+        pixels += chips[-1].cells
+        if pixels > MOST_PIXELS:
+            raise InputError(
+                f"{table}: found chips of more than {MOST_PIXELS:,} pixels, wanted fewer or smaller ones"
+            )
+    return chips
 
 
 def _chip(table: Table, row: int) -> LibraryChip:
@@ -197,10 +212,7 @@ def _picture(table: Table, row: int, file: str, digest: str) -> PngPixels:
     path = Path(str(table.source)).parent / name
     if (found := trouble(path)) is not None:
         raise InputError(f"{table.where(row, file)}: {show(name)}: {found}")
-    if (
-        hashlib.sha256(path.read_bytes()).hexdigest()
-        != table.texts[digest][row].removeprefix("sha256:").lower()
-    ):
+    if fingerprint(path) != f"sha256:{table.texts[digest][row].removeprefix('sha256:').lower()}":
         found = f"found a digest that is not that of {name}"
         raise InputError(
             f"{table.where(row, digest)}: {found}, wanted the chip as it was cut; cut the library again"

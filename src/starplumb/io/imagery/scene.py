@@ -16,7 +16,7 @@ from ..text.files import show, trouble
 from .config import IMAGE_ID, ImageryConfig, ReferenceConfig
 from .ortho import Ortho, Tile
 from .overlaps import require_agreement
-from .rasters import RawImage, open_pixels
+from .rasters import MOST_PNG, PngPixels, RawImage, open_pixels
 from .relief import read_relief
 
 Array = NDArray[np.float64]
@@ -43,6 +43,8 @@ def _matching(settings: str, folder: Path, name: str) -> Iterator[Path]:
         yield _named(settings, folder, "files", name)
         return
     beside = (".pgw", ".pngw", ".wld", ".tfw", ".xml", ".ovr", ".prj")
+    if name.count("**") > 1:  # looked for along every way through the folders
+        raise InputError(f"{settings}: reference.files: found {show(name)}, wanted ** once at most")
     try:
         found = [p for p in sorted(folder.glob(name)) if p.is_file() and p.suffix.lower() not in beside]
     except (ValueError, NotImplementedError):  # an absolute pattern
@@ -59,6 +61,22 @@ def _named(settings: str, folder: Path, key: str, name: str) -> Path:
     return folder / name
 
 
+def _tiles(settings: str, paths: list[Path], reference: ReferenceConfig) -> Iterator[Tile]:
+    """The tiles of an orthoimage.  Raises InputError where PNGs, which are held whole, would fill the memory."""
+    held = 0
+    for path in paths:
+        pixels = open_pixels(path, reference.band)
+        if isinstance(pixels, PngPixels):
+            columns, rows = pixels.size
+            held += columns * rows
+            if held > MOST_PNG // 2:
+                raise InputError(
+                    f"{settings}: reference.files: found PNGs of more than {MOST_PNG // 2:,} pixels, which cannot be "
+                    "read in parts, wanted GeoTIFFs or the like (extra gis)"
+                )
+        yield Tile.of(pixels, reference.crs, reference.nodata)
+
+
 def open_scene(
     settings: str, campaign: Campaign, folder: Path, imagery: ImageryConfig, reference: ReferenceConfig
 ) -> Scene:
@@ -69,7 +87,7 @@ def open_scene(
     """
     raws = open_raws(settings, campaign, folder, imagery)
     paths = reference_paths(settings, folder, reference)
-    tiles = [Tile.of(open_pixels(path, reference.band), reference.crs, reference.nodata) for path in paths]
+    tiles = list(_tiles(settings, paths, reference))
     require_agreement(tiles)
     geoid = None if reference.geoid is None else _named(settings, folder, "geoid", reference.geoid)
     if reference.dem is None or reference.heights is None:

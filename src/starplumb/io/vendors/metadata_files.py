@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Literal
 
 from ...physics.errors import InputError
-from ..text.files import read_beginning, show, trouble
+from ..text.files import MOST_TEXT, read_beginning, show, trouble
 
 Vendor = Literal["DIMAP", "DigitalGlobe", "CSM", "pinhole"]
 DIGITALGLOBE = (".imd", ".att", ".eph", ".geo")
@@ -99,6 +99,8 @@ def _describes_an_image(path: Path) -> bool:
     root = _root(path)
     if root is None or not (root == "isd" or root.endswith("dimap_document")):
         return False
+    if path.stat().st_size > MOST_TEXT:  # told in a sentence where it is read
+        return True
     data = path.read_bytes()
     models = (b"Refined_Model>", b"Sensor_Model_Characteristics>", b"Instrument_Look_Angles", b"EPHEMLIST")
     return any(word in data for word in models)
