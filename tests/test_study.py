@@ -55,6 +55,20 @@ def summary(tmp_path):
     return of
 
 
+def test_work_within_a_chunk_is_told_as_it_is_done(two_images, summary, monkeypatch):
+    """What finishes of a chunk, batch by batch; and a bar that hears both counts each trial once."""
+    from starplumb.cli.simulate import _Trials
+
+    monkeypatch.setattr("starplumb.study.monte_carlo.SIGHTINGS_AT_ONCE", 40 * two_images.truth.n)
+    shown = []
+    bar = _Trials(shown.append)
+    study = Study(two_images, {"gls": Gls()}, 5, 250, chunk=100)
+    for c, _ in Serial(bar.works).results(study, range(study.chunks)):
+        bar(study.count(c))
+    assert shown == [40, 80, 100, 100, 140, 180, 200, 200, 240, 250, 250]
+    assert bar.kept == 250
+
+
 @dataclass(frozen=True)
 class Broken:
     """Fails in every third run, once without any estimate."""
@@ -105,7 +119,9 @@ def test_a_chunk_never_holds_more_sightings_at_once_than_it_says(monkeypatch, tw
 @pytest.mark.slow
 def test_summary_is_the_same_for_one_and_two_workers(two_images, summary):
     one = summary(two_images, folder="one")
-    two = summary(two_images, folder="two", scheduler=Processes(2))
+    heard = []
+    two = summary(two_images, folder="two", scheduler=Processes(2, heard.append))
+    assert sum(heard) == 1500
     assert json.dumps(one) == json.dumps(two)
 
 

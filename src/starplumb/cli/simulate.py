@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -156,26 +157,40 @@ def _refuse_failures(document: dict[str, Any]) -> None:
         )
 
 
+@dataclass
+class _Trials:
+    """How many trials are finished and kept, and how many of unfinished chunks are done; ``show`` hears the sum."""
+
+    show: Callable[[int], None]
+    kept: int = 0
+    unfinished: int = 0
+
+    def __call__(self, count: int) -> None:
+        """So many more are kept."""
+        self.kept += count
+        self.unfinished = max(self.unfinished - count, 0)
+        self.show(self.kept + self.unfinished)
+
+    def works(self, count: int) -> None:
+        """So many more of unfinished chunks are done."""
+        self.unfinished += count
+        self.show(self.kept + self.unfinished)
+
+
 @contextmanager
 def _resumable(plan: Study, out: Path | None, quiet: bool) -> Iterator[Callable[[int], None]]:
     """The progress bar; where the work ends before it is done say what is kept."""
     from ..physics.errors import InputError
 
-    kept = 0
+    trials = _Trials(lambda count: None)
     try:
-        with _progress(plan.trials, plan.count(0), quiet) as done:
-
-            def count(more: int) -> None:
-                nonlocal kept
-                kept += more
-                done(more)
-
-            yield count
+        with _progress(plan.trials, quiet) as trials.show:
+            yield trials
     except (KeyboardInterrupt, InputError) as error:
-        if not kept or out is None:
+        if not trials.kept or out is None:
             raise
         told = (
-            f"; {kept} of {plan.trials} trials are finished and kept in {out / 'chunks'}, "
+            f"; {trials.kept} of {plan.trials} trials are finished and kept in {out / 'chunks'}, "
             "the same command with the same --out resumes them"
         )
         if isinstance(error, KeyboardInterrupt):
@@ -184,11 +199,8 @@ def _resumable(plan: Study, out: Path | None, quiet: bool) -> Iterator[Callable[
 
 
 @contextmanager
-def _progress(trials: int, first: int, quiet: bool) -> Iterator[Callable[[int], None]]:
-    """A bar with rate and remaining time on a terminal, nothing in a pipe.
-
-    Trials are counted by whole chunks: until the ``first`` one is done the bar moves without a count.
-    """
+def _progress(trials: int, quiet: bool) -> Iterator[Callable[[int], None]]:
+    """A bar with rate and remaining time on a terminal, nothing in a pipe; it hears how many trials are done."""
     if quiet or not sys.stderr.isatty():
         yield lambda count: None
         return
@@ -205,7 +217,7 @@ def _progress(trials: int, first: int, quiet: bool) -> Iterator[Callable[[int], 
 
     rate = TextColumn("{task.fields[rate]}")
     bar = Progress(
-        SpinnerColumn(),  # the bar moves by chunks, and this between them
+        SpinnerColumn(),  # turns where many trials are done at once
         TextColumn("{task.description}"),
         BarColumn(),
         MofNCompleteColumn(),
@@ -216,12 +228,11 @@ def _progress(trials: int, first: int, quiet: bool) -> Iterator[Callable[[int], 
         transient=True,
     )
     with bar:
-        task = bar.add_task(f"the first {first} trials", total=None, rate="")
+        task = bar.add_task("trials", total=trials, rate="")
 
-        def done(count: int) -> None:
-            if count:  # the first report is of what an earlier run kept, perhaps nothing
-                bar.update(task, advance=count, total=trials, description="trials")
+        def show(count: int) -> None:
+            bar.update(task, completed=min(count, trials))
             speed = bar.tasks[0].speed
             bar.update(task, rate="" if speed is None else f"{speed:.0f}/s")
 
-        yield done
+        yield show

@@ -157,7 +157,8 @@ def simulate(
     ``precision`` the trials are chosen so that each sigma is known to this part of itself.  With ``out`` finished
     chunks are kept there, an interrupted study goes on where it stopped, and the results are written, with every trial
     as a table where ``samples`` names a format.  ``watched`` makes, of the study, a context in which it runs, whose
-    value hears the number of trials of each chunk.
+    value hears the number of trials of each chunk and, where it has a method ``works``, how many more of unfinished
+    ones are done.
     """
     format: Format = choose_samples(samples) if out is not None or samples != "auto" else "none"
     if out is None and format != "none":
@@ -174,7 +175,8 @@ def simulate(
     )
     with _store(study, None if out is None else Path(out)) as store:
         with watched(study) as done:
-            notices = run(store, choose(workers, scheduler, study.chunks), done)
+            told = getattr(done, "works", lambda trials: None)
+            notices = run(store, choose(workers, scheduler, study.chunks, told), done)
         found = Study(summarise(store), notices)
         if out is not None:
             found._publish(Path(out), sample_files(store, format))

@@ -6,7 +6,7 @@ gives the same bits.  What is kept of it is its :class:`Tally` per estimator and
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any
@@ -188,8 +188,8 @@ class Study:
         observations = measure(scenario.stated, scenario.C_EK_true, errors)
         return observations, so3.exp(theta) @ scenario.C_EK_true
 
-    def samples(self, c: int) -> dict[str, Samples]:
-        """What each method makes of the trials of chunk c."""
+    def samples(self, c: int, told: Callable[[int], None] = lambda trials: None) -> dict[str, Samples]:
+        """What each method makes of the trials of chunk c; ``told`` hears how many more are done."""
         rng, left = self.generator(c), self.count(c)
         batch = max(1, SIGHTINGS_AT_ONCE // self.scenario.truth.n)
         made: dict[str, list[Samples]] = {name: [] for name in self.methods}
@@ -199,13 +199,14 @@ class Study:
                 # a run that fails is data: its status is counted, its arithmetic may overflow
                 with np.errstate(all="ignore"):
                     made[name].append(Samples.of(estimator(observations, C_EK), self.scenario.C_EK_true))
+            told(min(batch, left))
             left -= min(batch, left)
         return {name: Samples.joined(parts) for name, parts in made.items()}
 
-    def run(self, c: int) -> Arrays:
+    def run(self, c: int, told: Callable[[int], None] = lambda trials: None) -> Arrays:
         """Chunk c as arrays: ``METHOD/tally/...``, ``METHOD/theta_E`` and, if kept, ``METHOD/samples/...``."""
         arrays: Arrays = {"trials": np.array(self.count(c))}
-        for name, samples in self.samples(c).items():
+        for name, samples in self.samples(c, told).items():
             arrays |= Tally.of(samples, self.scenario.ground_m).arrays(f"{name}/tally/")
             arrays[f"{name}/theta_E"] = samples.theta_E
             if self.keep_samples:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import logging
 import os
 import signal
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib import import_module
 from itertools import islice
 from multiprocessing import parent_process
@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
 AHEAD = 2
 """Chunks given out per worker beyond the one it works on: enough to keep it busy, few enough to stop quickly."""
+LOOK_S = 0.25
+"""Seconds from one look at what the workers have done to the next."""
 NAMED = 3
 """So many spoilt chunks are named."""
 LOST_POOLS = 5
@@ -37,24 +39,37 @@ class Scheduler(Protocol):
     def results(self, study: Study, chunks: Sequence[int]) -> Iterator[tuple[int, Arrays]]: ...
 
 
+def _nothing(trials: int) -> None:
+    """What nobody wants to hear."""
+
+
 @dataclass(frozen=True)
 class Serial:
     """One after another in this process."""
 
+    told: Callable[[int], None] = field(default=_nothing, compare=False, repr=False)
+
     def results(self, study: Study, chunks: Sequence[int]) -> Iterator[tuple[int, Arrays]]:
         for c in chunks:
-            yield c, study.run(c)
+            yield c, study.run(c, self.told)
 
 
 _study: Study | None = None
 """The study of a worker process, set once when it starts."""
+_done: Any = None
+"""How many trials all workers have done, shared between them."""
 
 
-def _start_worker(study: Study) -> None:
-    global _study
+def _start_worker(study: Study, done: Any) -> None:
+    global _study, _done
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent stops its workers
     Thread(target=_end_with_parent, daemon=True).start()
-    _study = study
+    _study, _done = study, done
+
+
+def _count(trials: int) -> None:
+    with _done.get_lock():
+        _done.value += trials
 
 
 def _end_with_parent() -> None:
@@ -67,7 +82,7 @@ def _end_with_parent() -> None:
 
 def _run_in_worker(c: int) -> Arrays:
     assert _study is not None  # the pool's initializer set it
-    return _study.run(c)
+    return _study.run(c, _count)
 
 
 @dataclass(frozen=True)
@@ -75,6 +90,7 @@ class Processes:
     """Worker processes of one thread each; when one is killed, what it had not finished is run again."""
 
     workers: int
+    told: Callable[[int], None] = field(default=_nothing, compare=False, repr=False)
 
     def results(self, study: Study, chunks: Sequence[int]) -> Iterator[tuple[int, Arrays]]:
         from concurrent.futures.process import BrokenProcessPool
@@ -98,29 +114,45 @@ class Processes:
         from concurrent.futures import ProcessPoolExecutor
         from multiprocessing import get_context
 
-        workers = min(self.workers, len(chunks))
-        pool = ProcessPoolExecutor(workers, get_context("spawn"), _start_worker, (study,))
+        workers, spawn, heard = min(self.workers, len(chunks)), get_context("spawn"), 0
+        counter = spawn.Value("q", 0)
+        pool = ProcessPoolExecutor(workers, spawn, _start_worker, (study, counter))
+
+        def look() -> None:
+            nonlocal heard
+            heard, before = counter.value, heard
+            self.told(heard - before)
+
         try:
             with one_thread():
-                yield from _windowed(chunks, AHEAD * workers, lambda c: pool.submit(_run_in_worker, c))
+                yield from _windowed(chunks, AHEAD * workers, lambda c: pool.submit(_run_in_worker, c), look)
         finally:
             pool.shutdown(wait=True, cancel_futures=True)
 
 
 def _windowed(
-    chunks: Sequence[int], window: int, submit: Callable[[int], Future[Arrays]]
+    chunks: Sequence[int], window: int, submit: Callable[[int], Future[Arrays]], look: Callable[[], None]
 ) -> Iterator[tuple[int, Arrays]]:
-    """Results as they come, never more than ``window`` chunks given out at once."""
-    from concurrent.futures import FIRST_COMPLETED, wait
-
+    """Results as they come, never more than ``window`` chunks given out at once; ``look`` is called while waiting."""
     queue, running = iter(chunks), {}
     for c in queue:
         running[submit(c)] = c
         if len(running) < window:
             continue
-        yield from _collect(running, wait(running, return_when=FIRST_COMPLETED).done)
+        yield from _collect(running, _first_of(running, look))
     while running:
-        yield from _collect(running, wait(running, return_when=FIRST_COMPLETED).done)
+        yield from _collect(running, _first_of(running, look))
+
+
+def _first_of(running: Iterable[Future[Arrays]], look: Callable[[], None]) -> set[Future[Arrays]]:
+    """Those of the running ones that are done, at least one."""
+    from concurrent.futures import FIRST_COMPLETED, wait
+
+    while True:
+        done = wait(running, LOOK_S, FIRST_COMPLETED).done
+        look()
+        if done:
+            return done
 
 
 def _collect(running: dict[Future[Arrays], int], done: set[Future[Arrays]]) -> Iterator[tuple[int, Arrays]]:
@@ -201,13 +233,15 @@ def cpu_count() -> int:
         return os.cpu_count() or 1
 
 
-def choose(workers: int | None, address: str | None, chunks: int) -> Scheduler:
+def choose(
+    workers: int | None, address: str | None, chunks: int, told: Callable[[int], None] = _nothing
+) -> Scheduler:
     """The scheduler for the options: a cluster where an address is given, this process for one worker or chunk, else
-    worker processes."""
+    worker processes; ``told`` hears how many more trials of unfinished chunks are done (not of a cluster)."""
     if address is not None:
         return Dask(address)
     count = min(cpu_count() if workers is None else workers, chunks)
-    return Serial() if count <= 1 else Processes(count)
+    return Serial(told) if count <= 1 else Processes(count, told)
 
 
 def run(
