@@ -452,11 +452,19 @@ def test_a_kept_file_that_grows_without_end_is_not_unpacked(tmp_path, monkeypatc
 def test_a_full_disk_leaves_no_kept_files(tmp_path, parts, monkeypatch):
     archive = archive_of(tmp_path)
 
+    def refusing(*_):
+        raise sqlite3.OperationalError("disk I/O error")
+
     def full(*_):
         raise sqlite3.OperationalError("database or disk is full")
 
     monkeypatch.setattr(type(archive), "_insert", staticmethod(full))
     with pytest.raises(InputError, match="found the disk full, wanted room; nothing was added"):
+        archive.add(str(parts["a"]))
+    monkeypatch.setattr(type(archive), "_insert", staticmethod(refusing))
+    with pytest.raises(
+        InputError, match=r"found that the disk refuses \(disk I/O error\), wanted room on a sound"
+    ):
         archive.add(str(parts["a"]))
     assert not blobs.folder_of(archive.path).exists()
     monkeypatch.undo()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 import json
 import os
+import re
 import shutil
 import sqlite3
 import tempfile
@@ -17,7 +18,7 @@ import pytest
 import starplumb as sp
 from command import starplumb
 from missions import mission, tampered
-from starplumb.io.archive import blobs, form, seals, store
+from starplumb.io.archive import blobs, cells, form, seals, store
 from starplumb.io.archive.schema import NAMES, statements
 from starplumb.physics.errors import InputError
 
@@ -256,6 +257,47 @@ def test_a_result_whose_inputs_have_no_digests_is_not_added(made, tmp_path):
         InputError, match=r'inputs: found "sha256:\.\./\.\./\.\./leaked" of "images.csv", wanted'
     ):
         sp.open_archive(tmp_path / "new.db", create=True).add(tmp_path / "result.json")
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ("[]", "JSON that is no object"),
+        ('{"method": 3}', "options that are none"),
+        ('{"drift": []}', "options that are none"),
+        ('{"estimate": 3}', "options that are none"),
+        ('{"estimate": [3]}', "options that are none"),
+        ('{"estimate": [["a", "px"]]}', "options that are none"),
+        ('{"estimate": [["a", 3, 1.0]]}', "options that are none"),
+        ('{"estimate": [["a", "px", "1"]]}', "numbers that are not finite"),
+        ('{"estimate": [["a", "px", Infinity]]}', "numbers that are not finite"),
+    ],
+)
+def test_options_that_are_none_are_told(options, said):
+    with pytest.raises(ValueError, match=said):
+        cells.options(options)
+
+
+def test_the_options_of_an_archive_are_read(archive):
+    with tampered(archive.path) as database:
+        database.execute('UPDATE campaign SET options_json = \'{"method": [], "estimate": []}\'')
+    done = starplumb("archive", "rerun", archive.path)
+    assert (done.status, done.out) == (2, "")
+    assert 'found a damaged archive ("options that are none")' in done.err
+
+
+@pytest.mark.parametrize("name", ["a\0b", "n" * 5000, "images.csv/x", "../" * 30 + "leaked", "/leaked"])
+def test_kept_files_are_written_where_their_campaign_is_or_not_at_all(made, tmp_path, name):
+    shutil.copytree(made.path.parent, tmp_path / "copy")
+    archive = sp.open_archive(tmp_path / "copy" / "mission.db")
+    id_ = next(one["id"] for one in archive.listed if one["name"] == "day 0")
+    with tampered(archive.path) as database:
+        change = "UPDATE input SET name = ? WHERE name = 'observations.csv' AND campaign = ?"
+        database.execute(change, (name, id_))
+    (done,) = archive.rerun(id_)["not_run"]
+    assert re.search(
+        "cannot be written where its campaign wants it|lies elsewhere, not beside", done["reason"]
+    )
 
 
 @contextmanager

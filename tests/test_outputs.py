@@ -303,6 +303,19 @@ def test_a_command_that_is_asked_to_stop_says_so_from_its_first_step(monkeypatch
     assert error.value.number == number
 
 
+def test_no_memory_left_is_a_sentence(monkeypatch):
+    def full(*of, **named):
+        raise MemoryError
+
+    monkeypatch.setattr(TyperGroup, "invoke", full)
+    done = starplumb("schema", "campaign")
+    assert (done.status, done.out) == (2, "")
+    assert (
+        done.err
+        == "starplumb: found no memory left for this, wanted more of it, or less to be done at once\n"
+    )
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
 def test_a_study_that_is_asked_to_stop_keeps_its_chunks(tmp_path, name):

@@ -61,6 +61,9 @@ def _run() -> None:
         number = int(getattr(error, "number", 2))
         complain(f"interrupted ({name_of(number)}){getattr(error, 'kept', '')}")
         sys.exit(128 + number)
+    except MemoryError:
+        complain("found no memory left for this, wanted more of it, or less to be done at once")
+        sys.exit(2)
     except OSError as error:
         if not is_of_output(error):
             raise

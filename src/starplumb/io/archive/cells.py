@@ -73,6 +73,28 @@ def mapping(text: str) -> dict[str, Any]:
     return found
 
 
+def options(text: str) -> dict[str, Any]:
+    """What a result was asked for, in JSON: words, and parameters as ``[name, unit, sigma or null]``.
+
+    Raises ValueError for anything else.
+    """
+    found = mapping(text)
+    estimated = found.get("estimate", [])
+    words = [found.get(key, "") for key in ("method", "drift")]
+    if not isinstance(estimated, list) or not all(map(_is_parameter, estimated)):
+        raise ValueError("options that are none")
+    if not all(isinstance(word, str) for word in words):
+        raise ValueError("options that are none")
+    return found
+
+
+def _is_parameter(value: Any) -> bool:
+    if not isinstance(value, list) or len(value) != 3:
+        return False
+    name, unit, sigma = value
+    return isinstance(name, str) and isinstance(unit, str) and (sigma is None or number(sigma) is not None)
+
+
 def temperatures(text: str | None) -> dict[str, float]:
     """Temperatures by name, in JSON.  Raises ValueError for anything else."""
     found = mapping(text) if text else {}

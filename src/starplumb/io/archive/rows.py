@@ -174,7 +174,7 @@ def _entry(row: tuple[Any, ...]) -> Entry:
         added,
         software,
         method,
-        cells.mapping(options),
+        cells.options(options),
         status,
         cells.numbers(matrix).reshape(3, 3),
         None if covariance is None else cells.numbers(covariance).reshape(3, 3),

@@ -204,6 +204,8 @@ def _sentence(error: sqlite3.Error) -> str:
         return f"found it in use by another program for {WAIT_S:.0f} s, wanted a turn; the same command again"
     if "interrupted" in text:
         return "found a search in it that does not end, wanted the rows of missions; somebody has changed it"
+    if "disk I/O" in text:
+        return f"found that the disk refuses ({text}), wanted room on a sound one; nothing was added"
     if "full" in text:
         return "found the disk full, wanted room; nothing was added"
     if "readonly" in text or "unable to open" in text:

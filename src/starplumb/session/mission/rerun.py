@@ -62,12 +62,15 @@ def _written(archive: Path, base: Path, within: Path, name: str, digest: str) ->
     """A kept file written where the campaign expects it."""
     if not blobs.is_kept(archive, digest):
         raise LookupError(f"{name} is not kept")
-    if PurePosixPath(name).is_absolute() or not (base / name).resolve().is_relative_to(within.resolve()):
-        raise LookupError(f"{name} lies elsewhere, not beside its campaign")
     path = base / name
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with path.open("wb") as file:
-        file.writelines(blobs.pieces(archive, digest))
+    try:
+        if PurePosixPath(name).is_absolute() or not path.resolve().is_relative_to(within.resolve()):
+            raise LookupError(f"{name} lies elsewhere, not beside its campaign")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with path.open("wb") as file:
+            file.writelines(blobs.pieces(archive, digest))
+    except (OSError, ValueError) as error:
+        raise LookupError(f"{name[:60]!r} cannot be written where its campaign wants it ({error})") from None
     return path
 
 
