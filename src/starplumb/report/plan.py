@@ -49,8 +49,17 @@ def _sentence(text: str) -> str:
 
 
 def _sentences(d: Document) -> tuple[str, ...]:
-    said = [_sentence(text) for text in d["in_words"]]
+    said = [_sentence(text) for text in (*d["in_words"], *of_cameras(d))]
     return (*said, *([] if d["target"] is None else [_sentence(d["target"]["in_words"])]))
+
+
+def of_cameras(d: Document) -> tuple[str, ...]:
+    """How each further camera is known against the first, by whose mounting images are chosen."""
+    return tuple(
+        f"{c['camera']} against {c['against']}, by whose mounting the images are chosen, is then known to "
+        f"{triple(c['sigma_arcsec'])} arcsec about x, y, z"
+        for c in d["cameras"]
+    )
 
 
 def _summary(d: Document) -> str:

@@ -86,6 +86,14 @@ class TiesPart(Part):
     rms_m: float
 
 
+class AgainstPart(Part):
+    """How the mounting of a further camera is known against that of the first after all chosen images."""
+
+    camera: str
+    against: str
+    sigma_arcsec: Triple
+
+
 class ReachedPart(Part):
     """Whether the wanted sigma about each axis is reached, or else what limits."""
 
@@ -120,6 +128,7 @@ class PlanDocument(Document):
     usual: UsualPart
     tie_points: TiesPart | None = None
     checked: CheckedPart
+    cameras: list[AgainstPart] = Field(default_factory=list)
     shared_errors: dict[str, float]
     target: ReachedPart | None
     notices: list[str]

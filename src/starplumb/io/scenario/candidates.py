@@ -50,7 +50,8 @@ LONG_S = 60.0
 
 @dataclass(frozen=True)
 class Stage:
-    """What is flown: the orbit from ``epoch_ns``, the camera at its true mounting, the duration of a row."""
+    """What is flown: the orbit from ``epoch_ns``, the camera (of several the first) at its true mounting, the duration
+    of a row."""
 
     config: ScenarioConfig
     folder: Path
@@ -76,8 +77,6 @@ def stage(config: ScenarioConfig, folder: Path) -> Stage:
     """Of a scenario; of one with passes, the orbit of the first is kept and flown on.  Raises InputError where the
     orbit cannot see its site."""
     orientation = EarthOrientation.load()
-    if len(config.optics) > 1:
-        raise InputError("cameras: found several, wanted one: a plan chooses the images of one camera")
     section, _ = next(iter(config.optics.values()))
     camera = camera_of(section, folder)
     epoch_ns = moment(config.scenario.epoch, config.scenario.time_scale)

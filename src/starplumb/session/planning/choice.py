@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from ...io.scenario.all_cameras import of_all_cameras
 from ...io.scenario.candidates import Stage, agility, candidate_information, chosen_scenario, height_of
 from ...io.scenario.tied import tied_scenario
 from ...judge.motion.regressors import When
@@ -83,6 +84,24 @@ class Choice:
     def checked_E(self) -> Array:
         """Covariance (3, 3) of the mounting by the whole noise model, all chosen images being clear."""
         return np.linalg.inv(np.linalg.inv(bound_E(self.scenario)) + np.linalg.inv(self.design.P_theta))
+
+    @cached_property
+    def cameras(self) -> dict[str, Array]:
+        """Of several cameras the covariance (3, 3) of the mounting of each further one against the first after all
+        images, by the whole noise model; nothing of one, or where they are too many to say."""
+        optics = self.stage.config.optics
+        if len(optics) < 2 or len(self.picks) > MOST_TIED:
+            return {}
+        found = of_all_cameras(self.stage, self.views, self.sites, np.array(self.picks))
+        rig = None if found is None else found.campaign.rig
+        if found is None or rig is None or found.truth.n > MOST_SIGHTINGS:
+            return {}
+        P = bound_E(found).reshape(len(rig.names), 3, len(rig.names), 3)
+        return {
+            name: P[k, :, k] + P[0, :, 0] - P[k, :, 0] - P[0, :, k]
+            for k, name in enumerate(rig.names)
+            if k > 0
+        }
 
     @cached_property
     def clear_E(self) -> Array:

@@ -68,6 +68,7 @@ def document(found: Choice, given: str | None, notices: Sequence[str]) -> dict[s
         "usual": _usual(found),
         "tie_points": _ties(found),
         "checked": _checked(found),
+        "cameras": _cameras(found),
         "shared_errors": found.shares(found.picks, axis),
         "target": None if found.asked.sigma <= 0.0 else _target(found, last),
         "notices": [*notices, *_doubts(found)],
@@ -159,6 +160,14 @@ def _checked(found: Choice) -> dict[str, Any]:
         "rms_m": found.rms(P),
         "chosen_by_rms_m": found.rms(found.clear_E),
     }
+
+
+def _cameras(found: Choice) -> list[dict[str, Any]]:
+    """How each further camera is known against the first after all images."""
+    first = next(iter(found.stage.config.optics))
+    return [
+        {"camera": name, "against": first, "sigma_arcsec": _sigma(P)} for name, P in found.cameras.items()
+    ]
 
 
 def _doubts(found: Choice) -> Iterator[str]:

@@ -106,6 +106,8 @@ class Plan(Shown):
 
     @property
     def sentences(self) -> Sequence[str]:
+        from ...report.plan import of_cameras
+
         d = self.document
         left = len(d["images"]) - SHOWN
         lines = [
@@ -128,6 +130,7 @@ class Plan(Shown):
             lines.append(
                 f"{counted(usual['images'], 'view')} of the usual kind would leave {usual['rms_m']:.3g} m"
             )
+        lines += of_cameras(d)
         if d["target"] is not None:
             lines.append(d["target"]["in_words"])
         return lines
