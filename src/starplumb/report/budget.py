@@ -41,7 +41,9 @@ def budget_page(document: Document) -> str:
             *_provenance(document),
         ),
         kind="error budget",
-        remarks=(str(document["description"]), *(f"left out: {name}" for name in document["left_out"])),
+        remarks=tuple(
+            filter(None, (document["description"], *(f"left out: {name}" for name in document["left_out"])))
+        ),
     )
     return render(page)
 
