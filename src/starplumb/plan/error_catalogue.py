@@ -327,11 +327,9 @@ def time_tag(
 def focal_length(flight: Flight, name: str, sigma: float, shape: Distribution = _GAUSSIAN) -> Source:
     """Relative error of the focal length: every look direction leaves the boresight by the same part of its tangent."""
     words = "focal length, shared by the campaign"
-    zero = np.zeros(1, dtype=np.int64)
+    zero, group = np.zeros(1, dtype=np.int64), flight.camera
     pattern = -flight.truth.xy_K[..., None]
-    return Source(
-        name, words, "tangent", pattern, flight.camera, zero, np.array([sigma]), ("",), UNIT_PPM, shape
-    )
+    return Source(name, words, "tangent", pattern, group, zero, np.array([sigma]), ("",), UNIT_PPM, shape)
 
 
 def principal_point(
@@ -340,16 +338,7 @@ def principal_point(
     """Error of the principal point, px, where a pixel is ``scale`` rad wide, of each sighting (n,) or of all."""
     words = "principal point, shared by the campaign"
     pattern = -np.broadcast_to(scale, flight.truth.n)[:, None, None] * np.eye(2)
-    labels, component = ("column", "row"), np.array([0, 1])
+    labels, component, sigmas = ("column", "row"), np.array([0, 1]), np.array([sigma, sigma])
     return Source(
-        name,
-        words,
-        "tangent",
-        pattern,
-        flight.camera,
-        component,
-        np.array([sigma, sigma]),
-        labels,
-        UNIT_PIXEL,
-        shape,
+        name, words, "tangent", pattern, flight.camera, component, sigmas, labels, UNIT_PIXEL, shape
     )
