@@ -249,6 +249,7 @@ def test_equations_with_a_prior_of_several_cameras_have_all_of_it(tmp_path, made
     found.save(tmp_path / "after", report=False)
     alone = archive_of(tmp_path, made)
     alone.add(tmp_path / "after")
+    assert alone.verify()["faults"] == []
     for camera in "AC":
         shown = alone.show(camera=camera).document
         listed = {m["camera"]: m for m in shown["mountings"]}
