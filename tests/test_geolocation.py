@@ -326,7 +326,7 @@ def test_a_grid_on_a_dem_says_what_it_lacks(written, tmp_path):
         (["--grid", "ground.csv"], "ground.csv: found the ending '.csv', wanted .tif, .tiff, .npy"),
         (["1", "2", "--grid", "ground.npy"], "found them and --grid, wanted one"),
         ([], "found neither them nor --grid, wanted one"),
-        (["1"], "found neither them nor --grid, wanted one"),
+        (["1"], "COLUMN ROW: found a COLUMN alone, wanted its ROW too"),
     ],
 )
 def test_wrong_options_are_refused_in_a_sentence(written, more, says):

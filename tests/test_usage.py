@@ -211,3 +211,16 @@ def test_what_rounding_leaves_of_a_figure_and_of_its_error_is_nothing():
         "0.305±0.0022 (0.3)",
         "0±0.001",
     ]
+
+
+def test_what_lacks_is_named_as_the_help_names_it(tmp_path):
+    assert starplumb("simulate").err == (
+        "starplumb: simulate: found no SCENARIO, wanted one (starplumb simulate --help says more)\n"
+    )
+    path = demo(tmp_path / "demo", "--images", 2)
+    for command in ("calibrate", "check"):
+        told = starplumb(command, path.parent)
+        assert told.status == 2
+        assert told.err == (
+            f"starplumb: {path.parent}: found a folder, wanted the campaign.toml in it: {path}\n"
+        )

@@ -91,6 +91,8 @@ def locate(
     from ..session.campaign import read_campaign
     from ..session.ground.location import grid_shape, place, view_of, write_grid
 
+    if column is not None and row is None:
+        raise InputError("COLUMN ROW: found a COLUMN alone, wanted its ROW too")
     pixel = None if column is None or row is None else (column, row)
     if (pixel is None) == (grid is None):
         raise InputError(

@@ -138,7 +138,7 @@ def sentence(error: Any) -> str | None:
     message = re.sub(r"'(-[^' ]*|[A-Z.a-z]+\.toml)'", r"\1", message)
     for pattern, said in (
         (r"No such (option|command):? '?([^\s']+)", _unheard_of),
-        (r"Missing (?:option |argument )?(.*)", lambda found, _ctx: f"found no {found[1]}, wanted one"),
+        (r"Missing (?:option |argument )?'?(.*?)'?$", lambda found, _ctx: f"found no {found[1]}, wanted one"),
         # the name of an argument, which old versions of typer put into brackets, as all others
         (r"Invalid value for '\[?([A-Z_]+)\]?'(:.*)", lambda found, _ctx: found[1] + found[2]),
         (r"Invalid value for (.*)", lambda found, _ctx: found[1]),

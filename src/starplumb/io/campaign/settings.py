@@ -46,6 +46,7 @@ def read_settings(settings: Path | Mapping[str, Any], tables: Mapping[str, objec
         digest = {"settings": "sha256:" + hashlib.sha256(text.encode()).hexdigest()}
         read = Settings("settings", document, Path(), digest, {})
     else:
+        _require_no_folder(settings)
         _require_whole(settings)
         document = read_toml(settings)
         digest = {"campaign.toml": fingerprint(settings)}
@@ -54,6 +55,12 @@ def read_settings(settings: Path | Mapping[str, Any], tables: Mapping[str, objec
         if data is not None:
             _take(read, name, data)
     return read
+
+
+def _require_no_folder(path: Path) -> None:
+    """Raise InputError where the folder of a campaign is given for its description."""
+    if (path / "campaign.toml").is_file():
+        raise InputError(f"{path}: found a folder, wanted the campaign.toml in it: {path / 'campaign.toml'}")
 
 
 def _require_whole(path: Path) -> None:
