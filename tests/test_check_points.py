@@ -62,6 +62,13 @@ def test_the_contradiction_is_the_chi_square_that_they_add(good):
     assert np.log(float(p)) == pytest.approx(chi2.logsf(added, 2 * n), rel=0.02)
 
 
+def test_a_factor_that_changes_nothing_is_not_told(good, monkeypatch):
+    """Very many check points make a hundredth improbable, as they do of the control points."""
+    campaign = east(good[0], good[0].sightings.check, 4.0)
+    monkeypatch.setattr("starplumb.judge.accuracy.check_points.EXACT", 10.0)
+    assert calibrate(campaign, Gls()).status is Status.OK
+
+
 @pytest.mark.parametrize("method", [Gls(), Default()], ids=["gls", "default"])
 def test_the_interval_holds_what_the_check_points_say(good, method):
     """Control points 9 m off turn the answer by their angle at the camera, and only the check points know."""

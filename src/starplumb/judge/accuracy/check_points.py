@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ...estimators.fit import Fit
 from ...estimators.protocol import AlignmentEstimate
+from ...estimators.usable import EXACT
 from ...table.campaign import Campaign
 from ..snooping import Snooping
 from ..trust import IMPLAUSIBLE_P, Finding, probability
@@ -51,14 +52,14 @@ def _together(fit: Fit, estimate: AlignmentEstimate, decide: Mask) -> Finding | 
     from ...solve.probability import chdtrc
 
     used, n = fit.table.weight > 0.0, int(np.sum(decide))
-    added = _weighted(fit, used | decide).solve().chi2 - fit.solve().chi2
+    added = float(_weighted(fit, used | decide).solve().chi2 - fit.solve().chi2)
     # residuals of the control points that are larger than stated are told elsewhere
     dof = int(estimate.degrees_of_freedom or 0)
     stated = 1.0 if estimate.chi2 is None or dof <= 0 else max(1.0, float(estimate.chi2) / dof)
     p = float(chdtrc(2 * n, added / stated))
-    if not p < IMPLAUSIBLE_P:
+    factor = float(np.sqrt(max(added, 0.0) / stated / (2 * n)))
+    if not p < IMPLAUSIBLE_P or factor <= EXACT:
         return None
-    factor = float(np.sqrt(added / stated / (2 * n)))
     found = (
         f"the {n} check points contradict the answer: together they lie {factor:.2g} times as far off as the control "
         f"points and the stated errors allow ({probability(p)}); look at what differs between the two (survey, labels, "
