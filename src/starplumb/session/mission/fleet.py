@@ -53,8 +53,11 @@ class Fleet:
     places: tuple[Path, ...]
     asked: Asked
 
-    def run(self, c: int) -> Any:
-        """Calibrate one of them and write its result; what came of it, whatever that is."""
+    def run(self, c: int, told: Callable[[int], None] = lambda campaigns: None) -> Any:
+        """Calibrate one of them and write its result; what came of it, whatever that is.
+
+        ``told`` would hear of parts of it, as of a study's chunk; a campaign has none.
+        """
         path, place = self.campaigns[c], self.places[c]
         if (there := _there(path, place, self.asked)) is not None:
             return _outcome(path, place, there.status, there.message, resumed=True)
