@@ -99,6 +99,27 @@ def test_every_cell_that_is_changed_is_named(made, tmp_path):
     assert silent == []
 
 
+@pytest.mark.parametrize("table", ["campaign", "event", "validity"])
+def test_an_id_that_is_another_in_a_table_or_an_index_alone_is_told(archive, table):
+    """A letter of an id, at each place of the file that has it: an index then leads to no row, or to another."""
+    with closing(sqlite3.connect(archive.path)) as database:
+        (name,) = database.execute(f"SELECT id FROM {table}").fetchone()
+    data, silent = archive.path.read_bytes(), []
+    places = [found.start() for found in re.finditer(name.encode(), data)]
+    for place in places:
+        archive.path.write_bytes(
+            data[:place] + (b"g" if data[place] != b"g"[0] else b"h") + data[place + 1 :]
+        )
+        try:
+            told = faults(sp.open_archive(archive.path))
+        except InputError as error:
+            told = [str(error)]
+        if not told:
+            silent.append(place)
+    assert len(places) >= 3
+    assert silent == []
+
+
 @pytest.mark.parametrize("table", NAMES)
 def test_a_row_that_is_gone_is_named(archive, table):
     with tampered(archive.path) as database:

@@ -134,7 +134,9 @@ def entries(database: sqlite3.Connection, instrument: Instrument | None = None) 
 
 def entry(database: sqlite3.Connection, campaign: str) -> Entry:
     """The campaign of an id.  Raises LookupError where there is none."""
-    return _entries(database, "WHERE c.id = ? ", (campaign,))[0]
+    for found in _entries(database, "WHERE c.id = ? ", (campaign,)):
+        return found
+    raise LookupError("its row is not found by its id")
 
 
 def _entries(database: sqlite3.Connection, where: str, values: Sequence[str]) -> list[Entry]:

@@ -141,7 +141,7 @@ def _whole(path: Path) -> Iterator[None]:
         yield
     except EpochError as error:
         raise InputError(f"{path}: {error}") from None
-    except (ValueError, KeyError, zlib.error) as error:
+    except (ValueError, LookupError, zlib.error) as error:
         reason = show(" ".join(str(error).split()))
         raise InputError(
             f"{path}: found a damaged archive ({reason}), wanted a whole one; starplumb archive verify looks into it"

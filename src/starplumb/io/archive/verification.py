@@ -66,6 +66,9 @@ def _of_table(database: sqlite3.Connection, table: str) -> Iterator[str]:
     where = f" WHERE key NOT GLOB '{seals.PREFIX}*'" if table == "meta" else ""
     for id_, named in database.execute(f"SELECT {key}, {name} FROM {table}{where}").fetchall():
         called = label(table, id_, named)
+        if database.execute(f"SELECT * FROM {table} WHERE {key} = ?", (id_,)).fetchone() is None:
+            yield f"{called} is not found by its id: an index of its table is damaged"
+            continue
         if table in _ID and _ID[table](database, id_) != id_:
             yield f"{called} is not what its id says: its rows were changed"
         changed = seals.changed(database, table, id_)

@@ -66,7 +66,7 @@ def _of_campaign(database: sqlite3.Connection, id_: str) -> Iterator[str]:
         if entry.summable:
             list(equations(database, [entry], entry.instrument.frame_from))
         stated = row_of(text, None, (entry.instrument.satellite, ""), "its result")
-    except (ValueError, KeyError, InputError) as error:
+    except (ValueError, LookupError, InputError) as error:
         yield " ".join(str(error).split())
         return
     names = [*_other_words(entry, stated), *_other_numbers(entry, stated)]
