@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import html
 import json
 import os
 import re
@@ -10,6 +11,7 @@ import shutil
 import sqlite3
 import tempfile
 from contextlib import closing, contextmanager
+from html.parser import HTMLParser
 from pathlib import Path
 
 import numpy as np
@@ -278,6 +280,48 @@ def test_a_result_whose_inputs_have_no_digests_is_not_added(made, tmp_path):
         InputError, match=r'inputs: found "sha256:\.\./\.\./\.\./leaked" of "images.csv", wanted'
     ):
         sp.open_archive(tmp_path / "new.db", create=True).add(tmp_path / "result.json")
+
+
+class Seen(HTMLParser):
+    """What a page has that a browser would run or load."""
+
+    def __init__(self):
+        super().__init__()
+        self.found = []
+
+    def handle_starttag(self, tag, attributes):
+        self.found += [(tag, name) for name, _ in attributes if name.startswith("on") or name == "src"]
+
+
+def test_words_of_an_archive_are_words_on_its_page(made, tmp_path):
+    evil = "'\"><img src=q onerror=alert(1)><!--</script>"
+    archive = sp.open_archive(tmp_path / "mission.db", create=True, satellite=evil)
+    for name in ("c0", "c1"):
+        text = (
+            (made.path.parent / name / "result.json")
+            .read_text()
+            .replace('"day ', f'"{json.dumps(evil)[1:-1]} ')
+        )
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "result.json").write_text(text)
+        shutil.copy(made.path.parent / name / "normals.json", tmp_path / name)
+        archive.add(tmp_path / name)
+    archive.event("2020-01-21T00:00:00", evil, evil)
+    archive.issue(evil)
+    assert starplumb("archive", "trend", archive.path, "--out", tmp_path / "page").status == 0
+    page, seen = (tmp_path / "page" / "trend.html").read_text(), Seen()
+    seen.feed(page)
+    assert seen.found == []
+    assert page.count(html.escape(evil)) >= 3
+
+
+def test_an_archive_behind_a_link_keeps_its_files_beside_itself(made, tmp_path):
+    (tmp_path / "real").mkdir()
+    real = sp.open_archive(tmp_path / "real" / "mission.db", create=True, satellite="SAT1")
+    (tmp_path / "link.db").symlink_to(real.path)
+    sp.open_archive(tmp_path / "link.db").add(made.path.parent / "c0")
+    assert real.verify()["not_kept"] == {}
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["link.db", "real"]
 
 
 @pytest.mark.parametrize(

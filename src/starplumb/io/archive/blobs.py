@@ -23,8 +23,9 @@ PIECE = 1 << 20
 
 
 def folder_of(archive: Path) -> Path:
-    """The folder beside an archive that keeps its files."""
-    return archive.with_name(f"{archive.name}.files")
+    """The folder beside an archive that keeps its files: beside the file itself, by whatever link it is named."""
+    place = archive.resolve()
+    return place.with_name(f"{place.name}.files")
 
 
 def is_digest(text: str) -> bool:
