@@ -13,7 +13,8 @@ from starplumb.disk import arrays, parts
 from starplumb.disk.arrays import read_arrays, write_arrays
 from starplumb.disk.owned import require_replaceable
 from starplumb.disk.parts import half_placed
-from starplumb.disk.publish import publish, publish_beside
+from starplumb.disk.publish import publish_beside
+from starplumb.disk.staging import staged
 from starplumb.io.archive import blobs
 from starplumb.io.imagery.kept import LAYOUT, KeptImages
 from starplumb.io.text.files import fingerprint
@@ -103,7 +104,9 @@ def test_a_link_in_the_place_of_unfinished_work_is_not_followed(tmp_path):
     folder = tmp_path / "out"
     folder.mkdir()
     unfinished(folder).symlink_to(elsewhere)
-    publish(folder, {"a.txt": "a"})
+    with staged(folder, keep="result.json") as staging:
+        staging.write("a.txt", [b"a"])
+        staging.commit(["a.txt"])
     assert sorted(path.name for path in elsewhere.iterdir()) == ["precious.txt", "result.json"]
 
 
