@@ -36,7 +36,6 @@ TILED = {
     "tiled": True,
     "blockxsize": 256,
     "blockysize": 256,
-    "compress": "deflate",
 }
 
 
@@ -50,6 +49,12 @@ def strips(path, shape, dtype, values, **options):
 
 def seen(tile, x, y):
     return gaussian_filter(map_coordinates(tile, [y, x], order=1, mode="mirror"), 0.5)
+
+
+def mirrored(k):
+    """The sample of a tile that stands at an index beyond it."""
+    k = np.mod(k, 2 * (TILE - 1))
+    return np.where(k < TILE, k, 2 * (TILE - 1) - k)
 
 
 def draw(folder, side):
@@ -95,13 +100,15 @@ def draw(folder, side):
         bright = seen(now, x, y)
         return np.clip(900.0 + 160.0 * (bright + rng.normal(size=bright.shape) / 40.0), 0, 4095)
 
+    laid = np.clip(110.0 + 36.0 * gaussian_filter(before, 0.5, mode="mirror"), 1, 255).astype(np.uint8)
+
     def grey(first, last):
-        x, y = np.meshgrid(np.arange(2.0 * half) - half, half - np.arange(float(first), float(last)))
-        return np.clip(110.0 + 36.0 * seen(before, x, y), 1, 255)
+        x = np.arange(2 * int(half)) - int(half)
+        return laid[np.ix_(mirrored(int(half) - np.arange(first, last)), mirrored(x))]
 
     strips(folder / "raw_image01.tif", (side, side), "uint16", raw)
-    laid = Affine(step[0], 0.0, corner[0] - 0.5 * step[0], 0.0, -step[1], corner[1] + 0.5 * step[1])
-    strips(folder / "ortho.tif", (int(2 * half),) * 2, "uint8", grey, crs="EPSG:4326", transform=laid)
+    lie = Affine(step[0], 0.0, corner[0] - 0.5 * step[0], 0.0, -step[1], corner[1] + 0.5 * step[1])
+    strips(folder / "ortho.tif", (int(2 * half),) * 2, "uint8", grey, crs="EPSG:4326", transform=lie)
     text = (
         path.read_text()
         .replace('"raw_{image_id}.png"', '"raw_{image_id}.tif"')

@@ -220,3 +220,16 @@ def test_complex_values_are_refused(tmp_path):
         file.write(np.ones((1, 4, 4), np.complex64))
     with pytest.raises(InputError, match="found complex values, wanted real ones"):
         open_pixels(path, 1)
+
+
+@pytest.mark.parametrize("own", [False, True])
+def test_gdal_keeps_few_blocks_unless_the_user_says_how_many(monkeypatch, own):
+    rasterio = pytest.importorskip("rasterio", reason="needs the extra gis")
+    from starplumb.io.gis.drivers import quiet_gdal
+
+    monkeypatch.delenv("GDAL_CACHEMAX", raising=False)
+    if own:
+        monkeypatch.setenv("GDAL_CACHEMAX", "512")
+    with quiet_gdal():
+        kept = rasterio.env.getenv().get("GDAL_CACHEMAX")
+    assert kept == (None if own else 64)

@@ -86,6 +86,8 @@ def binned(values: Array, factor: int) -> Array:
     h, w = values.shape[0] // factor, values.shape[1] // factor
     squares = values[: h * factor, : w * factor].reshape(h, factor, w, factor)
     known = np.isfinite(squares)
+    if known.all():
+        return np.asarray(squares.mean(axis=(1, 3)))
     count = known.sum(axis=(1, 3))
     mean = np.where(known, squares, 0.0).sum(axis=(1, 3)) / np.maximum(count, 1)
     return np.where(2 * count > factor**2, mean, np.nan)

@@ -104,6 +104,10 @@ def open_raster(path: Path) -> DatasetReader:
     return dataset
 
 
+_CACHE_MB = 64
+"""Blocks of rasters that GDAL keeps: some rows of tiles of the widest."""
+
+
 def parts_of(path: Path) -> list[Path]:
     """The files that GDAL reads of a raster: it, and what lies beside it under its name."""
     with open_raster(path) as dataset:
@@ -115,10 +119,12 @@ def cells_of(path: Path, dataset: DatasetReader, band: int, window: tuple[int, i
 
     Raises InputError where they cannot be read.
     """
+    from rasterio.enums import MaskFlags
     from rasterio.windows import Window
 
     with reading(path):
-        cells = dataset.read(band, window=Window(*window), masked=True)
+        masked = dataset.mask_flag_enums[band - 1] != [MaskFlags.all_valid]
+        cells = dataset.read(band, window=Window(*window), masked=masked)
         # within, since a signalling NaN of a damaged file warns where it is made wider
         return np.asarray(np.ma.filled(cells.astype(np.float64), np.nan), dtype=np.float64)
 
@@ -145,7 +151,9 @@ def quiet_gdal() -> Iterator[None]:
     hooks = sys.unraisablehook, sys.excepthook
     sys.unraisablehook, sys.excepthook = (lambda _: None), (lambda *_: None)
     try:
-        with Env(), catch_warnings():
+        # a cache of GDAL's own choice is a twentieth of the machine's memory
+        cache = {} if "GDAL_CACHEMAX" in os.environ else {"GDAL_CACHEMAX": _CACHE_MB}
+        with Env(**cache), catch_warnings():
             simplefilter("ignore")
             yield
     finally:
