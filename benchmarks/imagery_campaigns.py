@@ -1,11 +1,12 @@
 """Whole campaigns from raw images: is the error of the mounting what its sigma says, and is every image found?
 
-    python benchmarks/imagery_campaigns.py [CAMPAIGNS] [SEED] [frame|line-scan]
+    python benchmarks/imagery_campaigns.py [CAMPAIGNS] [SEED] [frame|line-scan|chips]
 
 Set OPENBLAS_NUM_THREADS=1.  Each campaign is that of `starplumb init --imagery`, of its own ground and draw, but
 smaller: four images of 190 px with nine chips each, under 10 to 35 % of cloud, another season, 6 % of the ground
 changed, a reference and heights with errors, a mounting that errs by 45 arcsec.  Images are measured and calibrated
-from their files, as `measure --calibrate` does.
+from their files, as `measure --calibrate` does.  With `chips` a line scanner's images are measured by the library that
+a frame camera's campaign of the same ground has cut: by another camera, without orthoimage and heights.
 """
 
 from __future__ import annotations
@@ -35,12 +36,21 @@ def small():
     drawn_demo.SIGMA_MOUNTING = np.array([45.0, 45.0, 90.0]) * ARCSEC
 
 
+def by_library(folder, text, seed):
+    """A campaign's text with the chips that a frame camera's campaign of its ground cuts as its reference."""
+    path, _ = write_drawn_example(folder / "frame", seed)
+    path.write_text(path.read_text() + GRID)
+    sp.measure(path).save_chips(folder / "library")
+    head, _, rest = text.partition("[reference]\n")
+    return f'{head}[reference]\nkind = "chips"\nfiles = ["library"]\n\n[' + rest.partition("\n[")[2]
+
+
 def campaign(folder, seed, kind="frame"):
     """Images, those measured, chips, those used; correction over sigma (3,) and whether 95 % intervals hold (3,)."""
-    period = LINE_PERIOD_S if kind == "line-scan" else 0.0
+    period = 0.0 if kind == "frame" else LINE_PERIOD_S
     path, images = write_drawn_example(folder, seed, line_period_s=period)
-    if "[measure]" not in path.read_text():
-        path.write_text(path.read_text() + GRID)
+    text = path.read_text() + GRID
+    path.write_text(by_library(folder, text, seed) if kind == "chips" else text)
     found = sp.measure(path)
     used = sum(len(image.used) for image in found.images if not image.reason)
     counts = images, found.acquired, sum(len(image.chips) for image in found.images), used
