@@ -259,8 +259,11 @@ def test_an_error_that_rounds_carry_on_is_the_sum_of_all_of_them(rng):
     told = match(template_of(ground), window_of(ground, (0.3, 0.1)) + rng.normal(0.0, 0.1, (N, N)), CENTRE)
     pull = np.array([[0.5, 0.2], [0.0, -0.25]])
     rounds = sum(np.linalg.matrix_power(pull, k) for k in range(60))
-    expected = 1.2**2 * rounds @ told.covariance_px2 @ rounds.T
+    expected = rounds @ told.covariance_px2 @ rounds.T
+    assert told.agreement > 0.65
     np.testing.assert_allclose(carried_on(told, pull).covariance_px2, expected, rtol=1e-9)
+    badly = carried_on(replace(told, agreement=-0.6), pull)
+    np.testing.assert_allclose(badly.covariance_px2, 1.2**2 * expected, rtol=1e-9)
     assert carried_on(told, np.diag([0.9, 0.0])) is None
     assert carried_on(told, np.diag([np.nan, 0.0])) is None
 
@@ -278,8 +281,8 @@ def test_where_hills_are_reversed_the_place_follows_where_it_was_held_and_sigmas
             found = match(template_of(ground), window, CENTRE)
             sigmas.append(np.nan if found is None else np.sqrt(np.trace(found.covariance_px2)))
         larger.append(sigmas[0] / sigmas[1])
-    # reversed edges push away from where they are; 1.2 is for how roughly that is known
-    assert np.nanmedian(larger) > 1.3
+    # reversed edges push away from where they are
+    assert np.nanmedian(larger) > 1.1
 
 
 def test_the_long_run_covariance_is_the_tapered_sum_over_all_pairs(rng):

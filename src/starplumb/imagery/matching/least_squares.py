@@ -37,8 +37,9 @@ SURE = 0.8
 """Correlation from which a place hangs on nothing but the window."""
 MOST_PULL = 0.85
 """Part of a step that the place found may follow: more is no rest."""
-ROUGHLY = 1.2
-"""By how much sigmas of what rounds would carry on are larger: from two steps that pull is only known roughly."""
+BADLY, ROUGHLY = 0.65, 1.2
+"""Correlation below which two steps tell only roughly how a place hangs on where its round was held, and by how much
+sigmas are larger for that."""
 MOST_ASIDE = 0.75
 """A place is not told farther from a window's centre than this part of the way to its border."""
 COHERENT = 1.2
@@ -118,7 +119,7 @@ def carried_on(told: Match, pull: Array) -> Match | None:
     one before; None where these would not come to rest."""
     if not np.all(np.isfinite(pull)) or np.abs(np.linalg.eigvals(pull)).max() > MOST_PULL:
         return None
-    on = ROUGHLY * np.linalg.inv(np.eye(2) - pull)
+    on = np.linalg.inv(np.eye(2) - pull) * (ROUGHLY if abs(told.agreement) < BADLY else 1.0)
     return replace(told, covariance_px2=on @ told.covariance_px2 @ on.mT)
 
 
