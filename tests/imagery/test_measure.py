@@ -83,7 +83,9 @@ def test_a_campaign_of_images_is_calibrated_and_its_sigma_holds(tmp_path, rng):
     covariance = np.array(result["covariance_arcsec2"])
     assert off @ np.linalg.solve(covariance, off) < 11.3
     assert (tmp_path / "out" / "mounting.tf").exists()
-    assert "image01-000" in (tmp_path / "out" / "measure.html").read_text(encoding="utf-8")
+    page = (tmp_path / "out" / "measure.html").read_text(encoding="utf-8")
+    assert page.count('<article class="card') == len(document["candidates"])  # each piece is shown
+    assert all(f"<h3>{c['landmark_id']} " in page for c in document["candidates"])
     again = sp.read_campaign(tmp_path / "out" / "campaign.toml")
     assert len(again.landmarks) == document["images"][0]["used"]
     assert again.loaded.campaign.sightings.ellipse is not None

@@ -74,7 +74,6 @@ def chips(
     chip_px: int,
     brightness: Brightness,
     tell: Tell = lambda done: None,
-    name: str = "{image_id}-{number}",
 ) -> list[Chip]:
     """A chip for each place (n, 2) of an image whose rotation puts it on its ground to a pixel or two; ``tell`` hears
     how many are done."""
@@ -88,11 +87,18 @@ def chips(
     found = []
     for number, (place, piece, window) in enumerate(zip(places, below, windows, strict=True)):
         candidate = Candidate(image, number, place, place, Verdict.NO_MATCH)
-        ids = scene.campaign.images.ids[image]
-        label = name.format(image_id=ids, number=f"{number:03d}")
-        found.append(_chip(scene, candidate, piece, window, brightness, flat, (ids, label)))
+        chip = _chip(scene, candidate, piece, window, brightness, flat)
+        found.append(_named(chip, scene.campaign.images.ids[image]))
         tell(number + 1)
     return found
+
+
+def _named(chip: Chip, image_id: str) -> Chip:
+    """A chip whose picture has the name of its landmark."""
+    if chip.picture is None:
+        return chip
+    label = chip.candidate.landmark_id(image_id)
+    return replace(chip, picture=replace(chip.picture, image_id=image_id, landmark_id=label))
 
 
 def _chip(
@@ -102,7 +108,6 @@ def _chip(
     window: Array,
     brightness: Brightness,
     flat: float,
-    ids: tuple[str, str],
 ) -> Chip:
     inner = window[RIM_PX:-RIM_PX, RIM_PX:-RIM_PX]
     if piece is None or piece.known < 1.0 - MISSING:
@@ -110,7 +115,7 @@ def _chip(
         return Chip(replace(candidate, verdict=Verdict.NO_REFERENCE, reason=reason), None)
     candidate = replace(candidate, p_J=piece.p_J)
     seen = _sampled(piece, inner.shape[0], np.zeros(2))
-    picture = Picture(*ids, seen.astype(np.float32), inner.astype(np.float32))
+    picture = Picture("", "", seen.astype(np.float32), inner.astype(np.float32))
     if (refused := _unfit(scene, inner, window, brightness, flat)) is not None:
         return Chip(replace(candidate, verdict=refused[0], reason=refused[1]), picture)
     best, surface = looked_for(piece, window)
