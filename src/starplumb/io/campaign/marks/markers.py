@@ -105,7 +105,9 @@ class _Pieces:
 
     def __call__(self, table: Table | None) -> None:
         if table is None:
-            _require_new_pairs(self.rows, np.concatenate(self.pairs), self.images, self.landmarks)
+            pair = np.concatenate(self.pairs)
+            self.pairs.clear()
+            _require_new_pairs(self.rows, pair, self.images, self.landmarks)
             return
         image, landmark = _marked(table, self.images, self.landmarks)
         _pixels(table, self.grid, image)
@@ -177,10 +179,10 @@ def _require_new_pairs(
 ) -> None:
     """Raise InputError where an image and a landmark (counted as ``image * landmarks + landmark``) are together again,
     in a table or in its parts."""
-    if np.all(np.diff(np.sort(pair))):
+    if not _again(np.sort(pair)).any():
         return
     order = np.argsort(pair, kind="stable")
-    row = int(np.min(order[1:][np.diff(pair[order]) == 0]))
+    row = int(np.min(order[1:][_again(pair[order])]))
     earlier = int(np.argmax(pair == pair[row]))
     image, landmark = divmod(int(pair[row]), len(landmarks))
     starts = np.cumsum([0, *map(len, parts)])
@@ -194,6 +196,11 @@ def _require_new_pairs(
     found = f"found {show(landmarks[landmark])} in image {show(images[image])} again"
     where = table.where(at, "landmark_id")
     raise InputError(f"{where}: {found} (first in row {first.row_number(first_at)}), wanted each pair once")
+
+
+def _again(ordered: Index) -> NDArray[np.bool_]:
+    """Which of ordered values but the first are as the one before."""
+    return np.asarray(ordered[1:] == ordered[:-1])
 
 
 def _pixels(table: Table, grid: Grid | Grids, image: Index) -> dict[str, Any]:
