@@ -62,9 +62,9 @@ def _own_parts() -> tuple[frozenset[Part], frozenset[Part]]:
         database.close()
 
 
-def limit(database: sqlite3.Connection) -> None:
-    """End what would go on without end: SQLite then says that it was interrupted."""
-    size = _value(database, "page_count") * _value(database, "page_size")
+def limit(database: sqlite3.Connection, *of: str) -> None:
+    """End what would go on without end in databases ``of`` these names: SQLite then says that it was interrupted."""
+    size = sum(_value(database, f"{name}.page_count") * _value(database, f"{name}.page_size") for name in of)
     most, done = STEPS + STEPS_A_BYTE * size, 0
 
     def look() -> bool:

@@ -90,7 +90,7 @@ def opened(path: Path) -> Iterator[sqlite3.Connection]:
     require_local(path)
     with _unchanged(path) as alone, _connected(address(path), path) as database, _whole(path):
         patiently(lambda: require_archive(database, path))
-        limit(database)
+        limit(database, "main")
         mode = (
             "wal" if alone else patiently(lambda: database.execute("PRAGMA journal_mode=WAL").fetchone()[0])
         )

@@ -8,12 +8,20 @@ from pathlib import Path
 
 from ...physics.errors import InputError
 from . import blobs
+from .form import limit
 from .rows import Entry, entries, inputs_of
 from .seals import SEALED, changed, seal_of
 from .store import address, opened, transaction
 
 TAKEN = ("campaign", "event", "validity", "withdrawn")
 """Tables whose rows are taken from another archive, in an order in which each refers only to those before it."""
+
+
+_SEVERAL = (
+    "SELECT name FROM unknown WHERE name LIKE 'landmark[%' GROUP BY name "
+    "HAVING count(DISTINCT reference) > 1 OR count(DISTINCT covariance) > 1"
+)
+"""Landmarks that campaigns have with several places or surveys: of the others no two need be compared."""
 
 
 def merge(target: Path, source: Path) -> dict[str, int]:
@@ -27,6 +35,7 @@ def merge(target: Path, source: Path) -> dict[str, int]:
         pass
     with opened(target) as database:
         database.execute("ATTACH DATABASE ? AS other", (address(source),))
+        limit(database, "main", "other")
         with transaction(database):
             for table in ("satellite", "instrument"):
                 database.execute(f"INSERT OR IGNORE INTO main.{table} SELECT * FROM other.{table}")
@@ -76,7 +85,7 @@ def _require_consistent(database: sqlite3.Connection, source: Path, new: set[str
     other = database.execute(
         "SELECT a.name, a.campaign, b.campaign FROM unknown a JOIN unknown b ON a.name = b.name "
         "AND a.campaign < b.campaign AND (a.reference <> b.reference OR a.covariance <> b.covariance) "
-        "WHERE a.name LIKE 'landmark[%'"
+        f"WHERE a.name IN ({_SEVERAL})"
     )
     for name, a, b in other:
         if {a, b} & new and a in stands and b in stands:
