@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +40,8 @@ JUDGES = 2_000
 """Clusters that judge the rotations tried, all if there are no more."""
 HYPOTHESES = 200
 """Clusters whose rotations are tried."""
+AT_ONCE = 10_000
+"""Pairs of a cluster and a rotation looked at together."""
 REFINED = 30
 """Of these, the best, which are refined by the clusters that support them."""
 ROUNDS = 5
@@ -62,6 +65,11 @@ class Clusters:
     @property
     def size(self) -> int:
         return self.image.size
+
+    @cached_property
+    def one_each(self) -> bool:
+        """Whether no image has two, and they stand in the order of the images."""
+        return bool(np.all(np.diff(self.image) > 0))
 
     def some(self, chosen: Index) -> Clusters:
         """The chosen ones."""
@@ -140,9 +148,10 @@ def _tried(found: Clusters) -> list[Agreement]:
     """The best of the rotations that single clusters imply, each refined by all that support it."""
     judges = found if found.size <= JUDGES else found.some(_spread(found.size, JUDGES))
     tried = _spread(found.size, HYPOTHESES)
-    scores = [_votes(judges, found.d_E[k], found.S_E[k])[0] for k in tried]
+    scores = _all_votes(judges, found.d_E[tried], found.S_E[tried])
     best = tried[np.argsort(scores, kind="stable")[::-1][:REFINED]]
-    return [_refined(found, found.d_E[k], found.S_E[k]) for k in best]
+    known: dict[bytes, Agreement] = {}
+    return [_refined(found, found.d_E[k], found.S_E[k], known) for k in best]
 
 
 def _spread(size: int, most: int) -> Index:
@@ -150,20 +159,50 @@ def _spread(size: int, most: int) -> Index:
     return np.unique(np.linspace(0, size - 1, min(size, most)).astype(np.int64))
 
 
-def _votes(found: Clusters, d_E: Array, S_E: Array) -> tuple[float, Index]:
-    """Votes for a rotation, and the clusters that give them, one an image at most."""
+def _support(found: Clusters, d_E: Array, S_E: Array) -> Array:
+    """What each cluster gives (..., k) to rotations (..., 1, 3) with their covariances."""
     e = found.d_E - d_E
     m2 = np.vecdot(e, np.linalg.solve(found.S_E + S_E, e[..., None])[..., 0])
-    support = found.share * np.maximum(0.0, 1.0 - m2 / GATE)
+    return np.asarray(found.share * np.maximum(0.0, 1.0 - m2 / GATE))
+
+
+def _all_votes(found: Clusters, d_E: Array, S_E: Array) -> Array:
+    """Votes (r,) for rotations (r, 3), some at a time."""
+    order = np.argsort(found.image, kind="stable")
+    first = np.flatnonzero(np.diff(found.image[order], prepend=-1))
+    step = max(1, AT_ONCE // found.size)
+    votes = np.empty(len(d_E))
+    for at in range(0, len(d_E), step):
+        some = slice(at, at + step)
+        support = _support(found, d_E[some, None], S_E[some, None])
+        votes[some] = np.sum(np.maximum.reduceat(support[:, order], first, axis=1), axis=1)
+    return votes
+
+
+def _votes(found: Clusters, d_E: Array, S_E: Array) -> tuple[float, Index]:
+    """Votes for a rotation, and the clusters that give them, one an image at most."""
+    support = _support(found, d_E, S_E)
+    if found.one_each:
+        giving = np.flatnonzero(support > 0.0)
+        return float(np.sum(support[giving])), giving
     order = np.lexsort((support, found.image))
     last = order[np.append(np.diff(found.image[order]) > 0, True)]
     giving = last[support[last] > 0.0]
     return float(np.sum(support[giving])), giving
 
 
-def _refined(found: Clusters, d_E: Array, S_E: Array) -> Agreement:
-    """The weighted mean of the clusters that support a rotation, until they are the same."""
+def _refined(found: Clusters, d_E: Array, S_E: Array, known: dict[bytes, Agreement]) -> Agreement:
+    """The weighted mean of the clusters that support a rotation, until they are the same; what becomes of those that
+    support it at first is ``known`` from then on."""
     votes, giving = _votes(found, d_E, S_E)
+    first = giving.tobytes()
+    if first not in known:
+        known[first] = _settled(found, d_E, S_E, votes, giving)
+    return known[first]
+
+
+def _settled(found: Clusters, d_E: Array, S_E: Array, votes: float, giving: Index) -> Agreement:
+    """The mean of the clusters that give votes, and so on from there."""
     for _ in range(ROUNDS):
         before = giving
         W = np.linalg.inv(found.S_E[giving])

@@ -115,7 +115,7 @@ def consensus(
     shared = 0.0 if alone else 2.0 * d.shared[judges] ** 2
     turn = (d.own[a] ** 2 + d.own[b] ** 2) / chord**2  # variance of the rotation about the pair's middle
     middle = 0.5 * (d.e_K[a] + d.e_K[b])
-    lever = np.sum((d.e_K[judges] - middle[:, None]) ** 2, axis=-1)
+    lever = _squares(d.e_K[judges].mT - middle[:, :, None])
     own = d.own[judges] ** 2 + 0.5 * (d.own[a] ** 2 + d.own[b] ** 2)[:, None]
     score = np.sum(_support(d, C, judges, own + shared + turn[:, None] * lever), axis=-1)
     C_best, agree = _polish(o, d, C[int(np.argmax(score))], seen, alone=alone)
@@ -124,8 +124,15 @@ def consensus(
 
 def _support(d: Directions, C: Array, rows: Index, variance: Array) -> Array:
     """1 for a perfect fit down to 0 at the gate, of rotations (h, 3, 3) by sightings (r,): (h, r)."""
-    misfit = np.sum((d.e_K[rows] @ C.mT - d.e_E[rows]) ** 2, axis=-1)
+    turned = (C.reshape(-1, 3) @ d.e_K[rows].mT).reshape(*C.shape[:-1], -1)
+    misfit = _squares(turned - d.e_E[rows].mT)
     return np.asarray(np.maximum(0.0, 1.0 - misfit / (GATE**2 * variance)))
+
+
+def _squares(v: Array) -> Array:
+    """Squares of the lengths (h, r) of vectors (h, 3, r): component by component, which NumPy streams through."""
+    x, y, z = v[..., 0, :], v[..., 1, :], v[..., 2, :]
+    return np.asarray(x * x + y * y + z * z)
 
 
 def _convincing(d: Directions, agree: Mask, seen: Index, tried: int) -> bool:
