@@ -4,6 +4,8 @@
 
 ``compare M K``: M images of K markers through every method of ``starplumb compare``, method by method.
 ``commands M K``: the commands ``calibrate`` and ``compare`` on such a campaign, from its files.
+``many N``: the campaign of ``starplumb init`` again and again in one process (milliseconds of loading, of calibrating,
+and from files to files with and without the report), and seconds of one command of N campaigns beside N commands.
 ``study SCENARIO [METHOD]``: microseconds of a method, by default least squares, a trial of a scenario.
 Each figure is the best of the rounds, which take the trees in turn, every one in a process of its own with one thread.
 Markdown on stdout.
@@ -68,16 +70,46 @@ def compare(images: int, markers: int) -> Figures:
     return figures
 
 
+def seconds(*arguments: str) -> float:
+    """Processor seconds of a command."""
+    program = "import sys; from starplumb.cli import main; sys.argv[0] = 'starplumb'; main()"
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    subprocess.run([sys.executable, "-c", program, *arguments], capture_output=True, check=True)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+
+def many(count: int) -> Figures:
+    """A small campaign again and again, in one process and by commands."""
+    import starplumb as sp
+
+    with tempfile.TemporaryDirectory() as name:
+        folders = [Path(name) / str(k) for k in range(count)]
+        for folder in folders:
+            seconds("init", str(folder))
+        files = [str(folder / "campaign.toml") for folder in folders]
+        campaign = sp.read_campaign(files[0])
+
+        def whole(report: bool) -> None:
+            sp.calibrate(sp.read_campaign(files[0])).save(Path(name) / f"{report}", report=report)
+
+        flows: dict[str, Callable[[], Any]] = {
+            "load, ms": lambda: sp.read_campaign(files[0]),
+            "calibrate, ms": lambda: sp.calibrate(campaign),
+            "files to files without report, ms": lambda: whole(False),
+            "files to files, ms": lambda: whole(True),
+        }
+        figures = {what: min(timed(flow)[0] for _ in range(10)) * 1e3 for what, flow in flows.items()}
+        for options in (("--no-report",), ()):
+            words = " ".join(options)
+            figures[f"one command {words}, s"] = seconds("calibrate", *files, *options)
+            figures[f"{count} commands {words}, s"] = sum(seconds("calibrate", f, *options) for f in files)
+    return figures
+
+
 def commands(images: int, markers: int) -> Figures:
     """Processor seconds of whole commands on a campaign in files, Python's start included."""
     from calibrate import write
-
-    def seconds(*arguments: str) -> float:
-        program = "import sys; from starplumb.cli import main; sys.argv[0] = 'starplumb'; main()"
-        before = resource.getrusage(resource.RUSAGE_CHILDREN)
-        subprocess.run([sys.executable, "-c", program, *arguments], stdout=subprocess.PIPE, check=True)
-        after = resource.getrusage(resource.RUSAGE_CHILDREN)
-        return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
     with tempfile.TemporaryDirectory() as folder:
         campaign = str(write(Path(folder), images, markers))
@@ -104,7 +136,12 @@ def study(name: str, method: str = "gls", batches: int = 3) -> Figures:
     return {"us a trial": min(timed(lambda r=r: estimator(*r))[0] for r in runs[1:]) / batch * 1e6}
 
 
-STEPS: dict[str, Callable[..., Figures]] = {"compare": compare, "commands": commands, "study": study}
+STEPS: dict[str, Callable[..., Figures]] = {
+    "compare": compare,
+    "commands": commands,
+    "many": many,
+    "study": study,
+}
 
 
 def measured(step: str, numbers: list[str], source: Path) -> Figures:
@@ -140,7 +177,7 @@ def main() -> None:
         for _ in range(options.rounds)
     ]
     best = {name: {what: min(r[name][what] for r in rounds) for what in rounds[0][name]} for name in trees}
-    print(f"{options.step} {' '.join(options.numbers)}, CPU s, best of {options.rounds}\n")
+    print(f"{options.step} {' '.join(options.numbers)}, CPU s unless said, best of {options.rounds}\n")
     print(f"| | {' | '.join(trees)} |\n|---|{'---|' * len(trees)}")
     for what in best["now"]:
         print(f"| {what} | {' | '.join(f'{best[name][what]:.4g}' for name in trees)} |")
