@@ -23,6 +23,7 @@ from starplumb.io.archive.rows import result_text
 from starplumb.io.campaign.write import write_campaign
 from starplumb.physics import so3
 from starplumb.physics.errors import InputError
+from starplumb.session.mission.joint import given_of_these, standing
 
 
 def saved(path, method="gls"):
@@ -489,11 +490,18 @@ def test_a_campaign_and_the_prior_of_a_later_one_count_once(rng, tmp_path):
     sp.calibrate(sp.read_campaign(first)).save(first.parent / "result", report=False)
     prior = first.parent / "result" / "result.json"
     with_it, without = (sp.calibrate(sp.read_campaign(later), prior=given) for given in (prior, None))
-    sums = []
+    sums, by_file = [], []
     for name, second in (("with", with_it), ("without", without)):
         archive = sp.open_archive(tmp_path / f"{name}.db", create=True)
         archive.add(first.parent / "result")
         archive.add(second)
         sums.append(archive.show().document)
+        with store.opened(archive.path) as database:
+            used = standing(name, database, archive.entries[0].instrument).entries
+            by_file.append(given_of_these(database, used[1:], used))
+    assert by_file == [
+        True,
+        False,
+    ]  # where a mounting moves, its file alone tells that the prior is of the other
     assert "what campaigns state of the mounting beforehand is left out" in sums[0]["message"]
     assert sums[0]["sigma_arcsec"] == pytest.approx(sums[1]["sigma_arcsec"], rel=1e-6)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sqlite3
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from hashlib import sha256
 from typing import Any, ClassVar
 
 import numpy as np
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 
 from ...documents.numbers import numbers
 from ...io.archive.equations import equations
-from ...io.archive.rows import Entry, Instrument, entries, moments_again
+from ...io.archive.rows import Entry, Instrument, entries, inputs_of, moments_again, result_text
 from ...judge.trust import IMPLAUSIBLE_P, NORMAL_95
 from ...mission.joint import MOUNTING, Equations, Joint, joint, shared_names
 from ...mission.points import Points, points, scatter
@@ -61,7 +62,7 @@ def standing(name: str, database: sqlite3.Connection, instrument: Instrument) ->
             f"{name}: found no campaign of {instrument} that counts ({reasons}), wanted one or more"
         )
     parts = tuple(equations(database, used, instrument.frame_from))
-    agreed, notices = _known_before(parts, used)
+    agreed, notices = _known_before(database, parts, used)
     again = _again(moments_again(database, used))
     return Standing(used, parts, left, agreed, (*notices, *_near_ground(parts), *again))
 
@@ -89,19 +90,35 @@ def _near_ground(parts: Sequence[Equations]) -> tuple[str, ...]:
     )
 
 
-def _known_before(parts: Sequence[Equations], found: Sequence[Entry]) -> tuple[bool, tuple[str, ...]]:
+def _known_before(
+    database: sqlite3.Connection, parts: Sequence[Equations], found: Sequence[Entry]
+) -> tuple[bool, tuple[str, ...]]:
     """Whether what campaigns state of the mounting beforehand may be added: all the same, and of no campaign here."""
-    stated = [known for part in parts if (known := _stated(part)) is not None]
+    of_each = [_stated(part) for part in parts]
+    stated = [known for known in of_each if known is not None]
     if not stated:
         return True, ()
     first, C_first = stated[0]
     one = all(np.allclose(P, first, rtol=SAME) and np.allclose(C, C_first, atol=1e-9) for P, C in stated)
     # a result that is a prior is known by its mounting: its covariance may have grown since
     told = any(np.allclose(C, entry.C_EK, atol=1e-9) for _, C in stated for entry in found)
+    by = [entry for entry, known in zip(found, of_each, strict=True) if known is not None]
+    told = told or given_of_these(database, by, found)
     if one and not told:
         return True, ()
     why = "is that of another campaign here" if told else "is not the same in all that state it"
     return False, (f"what campaigns state of the mounting beforehand is left out: it {why}",)
+
+
+def given_of_these(database: sqlite3.Connection, by: Sequence[Entry], found: Sequence[Entry]) -> bool:
+    """Whether a file that one of some campaigns was made from is the result of another: a mounting that moves is known
+    elsewhere at a later date, and only its file tells it."""
+    given = {digest for entry in by for digest in inputs_of(database, entry.id).values()}
+    return any(_digest_of(result_text(database, entry.id)) in given for entry in found)
+
+
+def _digest_of(text: str) -> str:
+    return f"sha256:{sha256(text.encode()).hexdigest()}"
 
 
 def _stated(part: Equations) -> tuple[Array, Array] | None:
