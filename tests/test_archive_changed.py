@@ -343,6 +343,36 @@ def test_options_that_are_none_are_told(options, said):
         cells.options(options)
 
 
+@pytest.mark.parametrize(
+    "P",
+    [
+        np.diag([1.0, -1e-3, 1.0]),
+        np.array([[1.0, 2.0, 0.0], [2.0, 1.0, 0.0], [0.0, 0.0, 1.0]]),
+        np.array([[1.0, 0.5, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]),
+        np.array([[0.0, 1e-3, 0.0], [1e-3, 1.0, 0.0], [0.0, 0.0, 1.0]]),
+    ],
+)
+def test_a_covariance_that_is_none_is_told(archive, P):
+    """In a campaign's row, and in what was issued."""
+    with pytest.raises(ValueError, match="a covariance that is none"):
+        cells.covariance(P.tobytes())
+    whole = np.zeros((12, 12))
+    whole[3:6, 3:6] = P
+    with tampered(archive.path) as database:
+        (text,) = database.execute("SELECT model_json FROM validity").fetchone()
+        text = json.dumps(json.loads(text) | {"covariance_arcsec2": whole.tolist()})
+        database.execute("UPDATE validity SET model_json = ?", (text,))
+    with pytest.raises(InputError, match="an issued mounting that is none: a negative variance"):
+        sp.predict(archive.path, "2026-06-01T00:00:00")
+
+
+@pytest.mark.parametrize(
+    "P", [np.zeros((3, 3)), np.outer([1e-6, 2.0, 3e3], [1e-6, 2.0, 3e3]), np.diag([0.0, 1.0, 1e-20])]
+)
+def test_a_singular_covariance_is_one(P):
+    np.testing.assert_array_equal(cells.covariance(P.tobytes()), P)
+
+
 def test_the_options_of_an_archive_are_read(archive):
     with tampered(archive.path) as database:
         database.execute('UPDATE campaign SET options_json = \'{"method": [], "estimate": []}\'')

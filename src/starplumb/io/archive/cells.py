@@ -28,6 +28,8 @@ MODEL = {
     "walk_arcsec2_per_year": (),
 }
 """The numbers of an issued model."""
+ROUNDED = 1e-9
+"""How far a covariance may be from one, its variances being 1."""
 
 
 def numbers(data: bytes) -> Array:
@@ -134,7 +136,29 @@ def model(text: str) -> dict[str, Any]:
     for key, shape in MODEL.items():
         if each[key].shape != shape or not (np.abs(each[key]) < MOST_FINITE).all():
             raise ValueError(f"an issued mounting that is none: {key}")
+    if each["walk_arcsec2_per_year"] < 0.0 or not _is_covariance(each["covariance_arcsec2"]):
+        raise ValueError("an issued mounting that is none: a negative variance")
     return found
+
+
+def covariance(data: bytes) -> Array:
+    """A covariance (3, 3) as it was kept.  Raises ValueError for what is none."""
+    P = numbers(data).reshape(3, 3)
+    if not _is_covariance(P):
+        raise ValueError("a covariance that is none")
+    return P
+
+
+def _is_covariance(P: Array) -> bool:
+    """Whether a matrix (n, n) is symmetric and none of its variances negative, in any direction."""
+    sigma = np.sqrt(np.maximum(np.diagonal(P), 0.0))
+    scale = np.outer(*(2 * [np.where(sigma > 0.0, sigma, 1.0)]))
+    R = P / scale
+    return bool(
+        (np.diagonal(P) >= 0.0).all()
+        and (np.abs(R - R.T) < ROUNDED).all()
+        and np.linalg.eigvalsh(R).min() > -ROUNDED
+    )
 
 
 def _json(text: str) -> Any:

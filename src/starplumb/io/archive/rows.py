@@ -179,7 +179,7 @@ def _entry(row: tuple[Any, ...]) -> Entry:
         cells.options(options),
         status,
         cells.numbers(matrix).reshape(3, 3),
-        None if covariance is None else cells.numbers(covariance).reshape(3, 3),
+        None if covariance is None else cells.covariance(covariance),
         images,
         observations,
         bool(summable),
