@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...imagery.chain import MeasuredImage
-from ...imagery.own_scatter import seen_of_reference
+from ...imagery.own_scatter import seen_of_reference, unexplained_px
 from ...imagery.scene import Scene
 from ...imagery.targets.chain import TargetScene
 from ...io.campaign.files import names_of
@@ -81,9 +81,7 @@ class Measurement(Shown):
         measured = [image for image in self.images if not image.reason]
         if not any(image.floor_px for image in measured):
             return 0.0
-        each = zip(self.images, self.reference_px2, strict=True)
-        beyond = [image.floor_px**2 - own for image, own in each if not image.reason]
-        return float(np.sqrt(max(float(np.mean(beyond)), 0.0)))
+        return unexplained_px(self.scene, measured, self._sigma_m, self._length_m or 0.0)
 
     @cached_property
     def reference_px2(self) -> tuple[float, ...]:
