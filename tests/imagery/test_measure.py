@@ -98,7 +98,7 @@ def test_an_image_of_noise_is_left_out_and_nothing_but_the_document_written(copy
     Image.fromarray(rng.integers(0, 4000, (240, 240)).astype(np.uint16)).save(raw)
     done = starplumb("measure", copy / "campaign.toml", "--calibrate")
     assert done.status == 3
-    assert "0 of 1 images could be measured" in done.err
+    assert "0 of 1 image could be measured" in done.err
     assert sorted(path.name for path in (copy / "measured").iterdir()) == ["measure.html", "measure.json"]
     document = json.loads((copy / "measured" / "measure.json").read_text())
     assert document["status"] == "failed"
