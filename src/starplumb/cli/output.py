@@ -133,9 +133,13 @@ def drawn(cells: Cells, room: int) -> Table:
 
 def _widths(rows: Sequence[Sequence[str]], room: int, beside: int) -> list[int] | None:
     """Widths of columns that break no word, with lines and spaces ``beside`` each; None where there is none such."""
+    from rich.cells import cell_len  # a Chinese letter takes two places
+
     columns = list(zip(*rows, strict=True))
-    whole = [max(map(len, column)) for column in columns]
-    words = [max(len(word) for cell in column for word in [*cell.split(), ""]) for column in columns]
+    whole = [
+        max(cell_len(line) for cell in column for line in [*cell.splitlines(), ""]) for column in columns
+    ]
+    words = [max(cell_len(word) for cell in column for word in [*cell.split(), ""]) for column in columns]
     spare = room - beside * len(columns) - 1 - sum(words)
     wish = sum(whole) - sum(words)
     if spare < 0:
