@@ -19,10 +19,12 @@ import starplumb as sp
 from command import starplumb
 from missions import mission, part, tampered, whole
 from starplumb.io.archive import blobs, cells, store
-from starplumb.io.archive.rows import result_text
+from starplumb.io.archive.rows import Instrument, result_text
 from starplumb.io.campaign.write import write_campaign
 from starplumb.physics import so3
-from starplumb.physics.errors import InputError
+from starplumb.physics.errors import ArgumentError, InputError
+from starplumb.physics.timescales import moment
+from starplumb.session.mission.entries import day, instrument_of
 from starplumb.session.mission.joint import given_of_these, standing
 
 
@@ -309,6 +311,19 @@ def test_several_satellites_are_told_apart(tmp_path, parts):
         archive.show("C")
 
 
+def test_several_cameras_are_told_apart_by_their_names():
+    two = [Instrument("S", camera, "star_tracker") for camera in "AB"]
+    with pytest.raises(ArgumentError, match="found several mountings") as said:
+        instrument_of("mission.db", two, two, None, None)
+    assert said.value.argument == "camera"
+    assert instrument_of("mission.db", two[:1], two, None, None) == two[0]
+
+
+def test_a_time_is_shown_to_the_second_in_which_it_lies():
+    """As the other verbs cut it."""
+    assert day(moment("2026-03-20T09:59:44.700", "UTC")) == "2026-03-20T09:59:44"
+
+
 def test_equations_of_another_result_are_refused(tmp_path, parts):
     """Of a result of the first edition, which names no digests: no others would be read at all."""
     (parts["a"] / "normals.json").write_text((parts["b"] / "normals.json").read_text())
@@ -485,12 +500,13 @@ def test_an_archive_is_no_result(tmp_path):
 
 @pytest.mark.slow
 def test_a_campaign_and_the_prior_of_a_later_one_count_once(rng, tmp_path):
-    """The later one has it with a covariance that grew by then; in an archive of both it is left out."""
+    """The later one has it with a covariance that grew by then; in an archive of both it is left out, and so it is when
+    the earlier one is withdrawn."""
     first, later = mission(rng, tmp_path, [0.0, 30.0])
     sp.calibrate(sp.read_campaign(first)).save(first.parent / "result", report=False)
-    prior = first.parent / "result" / "result.json"
+    prior = first.parent / "result"
     with_it, without = (sp.calibrate(sp.read_campaign(later), prior=given) for given in (prior, None))
-    sums, by_file = [], []
+    sums, by_file, alone = [], [], []
     for name, second in (("with", with_it), ("without", without)):
         archive = sp.open_archive(tmp_path / f"{name}.db", create=True)
         archive.add(first.parent / "result")
@@ -499,9 +515,14 @@ def test_a_campaign_and_the_prior_of_a_later_one_count_once(rng, tmp_path):
         with store.opened(archive.path) as database:
             used = standing(name, database, archive.entries[0].instrument).entries
             by_file.append(given_of_these(database, used[1:], used))
+        archive.withdraw(used[0].id, "wrong markers")
+        alone.append(archive.show().document)
     assert by_file == [
         True,
         False,
     ]  # where a mounting moves, its file alone tells that the prior is of the other
     assert "what campaigns state of the mounting beforehand is left out" in sums[0]["message"]
     assert sums[0]["sigma_arcsec"] == pytest.approx(sums[1]["sigma_arcsec"], rel=1e-6)
+    assert "it is that of a campaign that is withdrawn" in alone[0]["message"]
+    assert alone[0]["sigma_arcsec"] == pytest.approx(without.document["sigma_arcsec"], rel=1e-3)
+    assert alone[1]["status"] == "ok"

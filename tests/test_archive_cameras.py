@@ -161,6 +161,10 @@ def test_campaigns_of_one_camera_add_to_those_of_all(tmp_path, made):
         listed = {m["camera"]: m for m in found["mountings"]}
         assert listed.keys() == set("ABC")
         same(listed["B"], one["mountings"][1])
+    assert archive.show().document["from"] == "A"  # the first of the campaign that has both
+    archive.withdraw("before", "a test")
+    with pytest.raises(InputError, match="found several mountings"):
+        archive.show()
 
 
 @pytest.mark.slow

@@ -19,6 +19,7 @@ from starplumb.mission.policies import Mission, compared
 from starplumb.mission.trend import YEAR_NS, trend
 from starplumb.physics.errors import InputError
 from starplumb.physics.units import ARCSEC
+from starplumb.report import trend as trend_page
 from starplumb.session.mission.fleet_document import satellites
 from test_archive import archive_of, saved
 
@@ -257,6 +258,12 @@ def test_the_page_stands_alone(moved, tmp_path):
     assert (tmp_path / "b" / "trend.html").read_text() == page
 
 
+def test_the_page_takes_an_event_in_a_leap_second():
+    """47 years of 365 days and 12 leap days after 1970-01-01."""
+    found = trend_page._dates(["2016-12-31T23:59:60.000000", "2017-01-01T12:00:00.000000"])
+    assert found.tolist() == [17167.0, 17167.5]
+
+
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
@@ -264,6 +271,10 @@ def test_the_page_stands_alone(moved, tmp_path):
         (("trend", "--at", "never"), "--at: "),
         (("withdraw", "zzz", "--reason", "x"), ": CAMPAIGN: found no such campaign under 'zzz'"),
         (("trend", "--horizon-days", "-3"), "--horizon-days: found -3.0, wanted a positive number"),
+        (
+            ("trend", "--horizon-days", "110000"),  # 301 years: an int64 of nanoseconds has 292
+            "--horizon-days: found 110000 days after 2000-",
+        ),
         (("issue", "--reason", " "), "--reason: found ' ', wanted some words"),
         (
             ("issue", "--reason", "so\x1b[31m"),
@@ -356,10 +367,16 @@ def test_an_event_that_is_taken_back_counts_no_more_and_stays(two, tmp_path):
     assert done.status == 0, done.err
     assert "safe mode" in done.out
     assert archive.trend().document["events"] == []
-    other.merge(archive.path)
+    merged = other.merge(archive.path)
+    assert (merged["events"], merged["withdrawn"]) == (0, 1)
     assert other.trend().document["events"] == []
     assert other.verify()["faults"] == []
-    with pytest.raises(InputError, match="no such campaign"):
+    with pytest.raises(InputError, match=r"withdrawn already \(another satellite\)"):
         archive.withdraw(noted["id"][:8], "twice")
+    again = starplumb("archive", "event", archive.path, "2000-06-15", "safe mode")
+    assert (again.status, again.out) == (2, "")
+    assert "--note: found this event withdrawn (another satellite)" in again.err
+    archive.event("2000-06-15", "safe mode", "after all")
+    assert [e["note"] for e in archive.trend().document["events"]] == ["after all"]
     with pytest.raises(InputError, match="archive withdraw takes an event back"):
         archive.event("2000-06-15", f"withdraws {noted['id']}")

@@ -62,7 +62,7 @@ def calibrate(
         typer.Option(
             "--prior",
             metavar="RESULT.json",
-            help="What is known: an earlier result, with its whole covariance.",
+            help="What is known: an earlier result or its folder, with its whole covariance.",
         ),
     ] = None,
     drift: Annotated[
@@ -148,9 +148,11 @@ def calibrate(
     from ..session.calibration import NotIdentified
     from ..session.calibration import calibrate as run
     from ..session.campaign import read_campaign
+    from ..session.mounting import result_file
     from ..session.result import MARK, RESULT_FILES
 
     speak = Output(json, quiet, verbose)
+    prior = None if prior is None else result_file(prior)
     chosen = "robust" if robust and method in ("default", "gls") else method
     if len(campaigns) > 1 or archive is not None:
         from ..session.mission.fleet import Asked

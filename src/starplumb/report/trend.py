@@ -87,8 +87,9 @@ def _evidence(d: Document) -> str:
 
 
 def _dates(times: Sequence[str]) -> Array:
-    """Times as days, the way that the axis of dates counts them."""
-    return np.array(times, dtype="datetime64[ms]").astype(np.float64) / 86_400e3
+    """Times as days, the way that the axis of dates counts them, a leap second being the next one."""
+    minutes = np.array([time[:16] for time in times], dtype="datetime64[m]").astype(np.float64)
+    return minutes / 1440.0 + np.array([float(time[17:]) for time in times]) / 86_400.0
 
 
 def _figure(d: Document, k: int) -> Figure:

@@ -80,9 +80,9 @@ def calibrate(
     ``estimate`` names what to estimate beside the alignment, each free or with its known sigma and unit, as in
     ``["focal_length", "time_offset=10ms"]``; ``method`` is a name of ``starplumb compare`` or an estimator of your own.
     ``reach_deg`` is the largest error that the mounting may have where detections must be matched with landmarks first.
-    ``prior`` is an earlier result, or the path of its ``result.json``: its mounting is then the model, known with its
-    whole covariance.  Landmarks seen in both campaigns count twice, and the message names them; the sum of their
-    ``normals.json`` has them once.
+    ``prior`` is an earlier result, or the path of its ``result.json`` or of its folder: its mounting is then the model,
+    known with its whole covariance.  Landmarks seen in both campaigns count twice, and the message names them; the sum
+    of their ``normals.json`` has them once.
     ``start="model"`` has a method that starts somewhere do so at the model mounting, as published, in place of the
     closed form.  ``drift`` says how the mounting moves: ``"none"`` only tests it, ``"auto"`` averages models by their
     evidence, or names, with commas between them, of ``orbit:K``, ``linear``, ``step:TIME`` and ``temperature:NAME``;

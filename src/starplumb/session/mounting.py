@@ -33,6 +33,11 @@ FIRST = 0
 """The image at whose time an earlier mounting is taken as known before."""
 
 
+def result_file(path: Path) -> Path:
+    """``result.json`` where the folder of a result is given."""
+    return path / BESIDE.name if path.is_dir() else path
+
+
 @dataclass(frozen=True)
 class Mounting:
     """A mounting to locate with: ``C_EK`` (3, 3), the covariance (3, 3) rad^2 of its error about E, None where that is

@@ -16,7 +16,7 @@ from ..judge.calibrate import Calibration
 from ..judge.files.evidence import listed
 from ..physics.errors import InputError
 from .campaign import Campaign
-from .mounting import known_before, require_set
+from .mounting import known_before, require_set, result_file
 from .result import Result
 
 BESIDE = ("residuals.csv", "normals.json")
@@ -68,11 +68,12 @@ def with_prior(campaign: Campaign, result: Result | str | Path) -> tuple[Campaig
             f"{campaign.source}: mounting.sigma_arcsec: found beside the prior of an earlier result, "
             "wanted only one of the two"
         )
+    result = result if isinstance(result, Result) else result_file(Path(result))
     mounting, made_from, rig = known_before(campaign, result)
     if isinstance(result, Result):
         prior, inputs = Prior("the prior", _landmarks_of(result)), {}
     else:
-        path = Path(result)
+        path = result
         document = ResultDocument.from_json(read_text(path), str(path))
         require_set(path, document, [name for name in BESIDE if path.with_name(name).is_file()])
         prior, inputs = Prior(f"the prior {path}", _landmarks_beside(path)), {str(path): fingerprint(path)}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import sqlite3
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from hashlib import sha256
 from typing import Any
 
@@ -16,13 +16,15 @@ from .seals import seal
 
 @dataclass(frozen=True)
 class Event:
-    """Something that happened to a satellite: its ``kind`` in a word or two, and a note."""
+    """Something that happened to a satellite: its ``kind`` in a word or two, and a note; ``withdrawn`` is why it was
+    taken back, None for one that counts."""
 
     id: str
     satellite: str
     t_ns: int
     kind: str
     note: str
+    withdrawn: str | None = None
 
 
 @dataclass(frozen=True)
@@ -68,20 +70,25 @@ def withdraw_event(database: sqlite3.Connection, event: Event, reason: str, now:
 
 
 def all_events(database: sqlite3.Connection) -> list[Event]:
-    """Those of all satellites, without those that were taken back."""
+    """Those of all satellites, also those that were taken back."""
     names = database.execute("SELECT DISTINCT satellite FROM event ORDER BY 1").fetchall()
-    return [event for (name,) in names for event in events(database, name)]
+    return [event for (name,) in names for event in noted(database, name)]
 
 
 def events(database: sqlite3.Connection, satellite: str) -> list[Event]:
     """Those of a satellite in the order of time, without those that were taken back."""
+    return [event for event in noted(database, satellite) if event.withdrawn is None]
+
+
+def noted(database: sqlite3.Connection, satellite: str) -> list[Event]:
+    """Those of a satellite in the order of time, also those that were taken back."""
     rows = database.execute(
         "SELECT id, satellite, t_ns, kind, note FROM event WHERE satellite = ? ORDER BY t_ns, id",
         (satellite,),
     )
     found = [Event(id_, of, cells.epoch(t_ns), kind, note) for id_, of, t_ns, kind, note in rows]
-    gone = {event.kind.removeprefix(WITHDRAWS) for event in found if event.kind.startswith(WITHDRAWS)}
-    return [event for event in found if event.id not in gone and not event.kind.startswith(WITHDRAWS)]
+    gone = {e.kind.removeprefix(WITHDRAWS): e.note for e in found if e.kind.startswith(WITHDRAWS)}
+    return [replace(e, withdrawn=gone.get(e.id)) for e in found if not e.kind.startswith(WITHDRAWS)]
 
 
 def withdraw(database: sqlite3.Connection, campaign: str, reason: str, now: str) -> None:

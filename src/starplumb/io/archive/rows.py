@@ -108,9 +108,24 @@ def marks(n: int) -> str:
 
 
 def instruments(database: sqlite3.Connection) -> list[Instrument]:
-    """Those that have campaigns, of several cameras by the first, in the order of their names."""
+    """Those that have campaigns, of several cameras by the first, in the order of their names; not that of a camera
+    which another one's campaigns have as a further one, unless it leads in its turn."""
     rows = database.execute("SELECT DISTINCT satellite, frame_from, frame_to FROM campaign ORDER BY 1, 2, 3")
-    return [Instrument(*row) for row in rows]
+    found = [Instrument(*row) for row in rows]
+    led = _led(database)
+    return [one for one in found if not any((b, a) not in led for a, b in led if b == one)] or found
+
+
+def _led(database: sqlite3.Connection) -> set[tuple[Instrument, Instrument]]:
+    """First and further cameras of campaigns that are not withdrawn."""
+    rows = database.execute(
+        "SELECT DISTINCT c.satellite, c.frame_to, c.frame_from, u.name FROM unknown u JOIN campaign c "
+        f"ON c.id = u.campaign WHERE {_FURTHER} AND c.id NOT IN (SELECT campaign FROM withdrawn)"
+    )
+    return {
+        (Instrument(of, first, to), Instrument(of, name[len(CAMERA) : -1], to))
+        for of, to, first, name in rows
+    }
 
 
 def all_instruments(database: sqlite3.Connection) -> list[Instrument]:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from ...physics.errors import InputError
 from . import blobs
 from .form import limit
-from .rows import Entry, entries, inputs_of
+from .records import WITHDRAWS
+from .rows import Entry, entries, inputs_of, marks
 from .seals import SEALED, changed, seal_of
 from .store import address, opened, transaction
 
@@ -44,9 +45,17 @@ def merge(target: Path, source: Path) -> dict[str, int]:
             named = [digest for one in taken["campaign"] for digest in inputs_of(database, one).values()]
             if wrong := [digest for digest in named if not blobs.is_digest(digest)]:
                 raise ValueError(f"a digest that is none: {wrong[0]}")
+            back = _taking_back(database, taken["event"])
     for digest in named:
         blobs.copy(source, target, digest)
-    return {table: len(new) for table, new in taken.items()}
+    counts = {table: len(new) for table, new in taken.items()}
+    return counts | {"event": counts["event"] - back, "withdrawn": counts["withdrawn"] + back}
+
+
+def _taking_back(database: sqlite3.Connection, new: Sequence[str]) -> int:
+    """How many of some events take back another one."""
+    asked = f"SELECT kind FROM main.event WHERE id IN ({marks(len(new))})"
+    return sum(kind.startswith(WITHDRAWS) for (kind,) in database.execute(asked, new))
 
 
 def _taken(database: sqlite3.Connection, source: Path, table: str) -> list[str]:

@@ -20,7 +20,18 @@ from ...physics.timescales import format_iso, moment
 from ...report.page import Table
 from ..arguments import Positive, Wanted, checked
 from ..show import Shown
-from .entries import SHORT, day, entry_document, event_of, instrument_of, one_of, satellite_of, state
+from .entries import (
+    SHORT,
+    day,
+    entry_document,
+    event_of,
+    instrument_of,
+    one_of,
+    require_counts,
+    require_stands,
+    satellite_of,
+    state,
+)
 from .known import known as known_of
 from .known import mounting_at
 
@@ -179,6 +190,7 @@ class Archive(Shown):
             known_ones = instruments(database)
             name = satellite_of(str(self.path), known_ones, self._default(database), satellite)
             found = records.add_event(database, name, t_ns, kind, note, utc_now())
+            require_counts(records.noted(database, name), found)
         return {
             "schema": "starplumb-archive-event/1",
             "archive": str(self.path),
@@ -225,14 +237,11 @@ class Archive(Shown):
         with store.opened(self.path) as database, store.transaction(database):
             event = event_of(records.all_events(database), campaign)
             if event is not None:
+                require_stands(event.id, event.withdrawn)
                 records.withdraw_event(database, event, reason, utc_now())
                 return self._withdrawn(event.id, event.kind, reason)
             entry = one_of(entries(database), campaign)
-            if entry.withdrawn is not None:
-                raise ArgumentError(
-                    "campaign",
-                    f"found {entry.id[:SHORT]} withdrawn already ({entry.withdrawn[1]}), wanted another",
-                )
+            require_stands(entry.id, entry.withdrawn and entry.withdrawn[1])
             records.withdraw(database, entry.id, reason, utc_now())
         return self._withdrawn(entry.id, entry.name, reason)
 

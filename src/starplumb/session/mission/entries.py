@@ -17,8 +17,8 @@ LEAST = 4
 
 
 def day(t_ns: int) -> str:
-    """A time to the second."""
-    return format_iso([t_ns], "UTC", 0)[0]
+    """A time to the second in which it lies."""
+    return format_iso([t_ns], "UTC")[0][:19]
 
 
 def state(entry: Entry) -> str:
@@ -77,7 +77,9 @@ def instrument_of(
     chosen = [one for one in among if satellite in (None, one.satellite) and camera in (None, one.frame_from)]
     listed = "; ".join(map(str, all_[:6])) + ("; ..." if len(all_) > 6 else "")
     if len(chosen) != 1:
-        wrong = "camera" if satellite is None and camera is not None else "satellite"
+        several = len({one.satellite for one in chosen}) > 1
+        by_camera = len(chosen) > 1 if camera is None else satellite is None
+        wrong = "camera" if by_camera and not several else "satellite"
         asked = satellite if wrong == "satellite" else camera
         said = "found several mountings" if chosen else f"found {asked!r}"
         hint = did_you_mean(asked, [one.satellite for one in all_]) if asked and not chosen else ""
@@ -103,6 +105,23 @@ def event_of(found: Sequence[Event], what: str) -> Event | None:
     """An event by the first characters of its id; None for what is none."""
     hits = [event for event in found if len(what) >= LEAST and event.id.startswith(what)]
     return hits[0] if len(hits) == 1 else None
+
+
+def require_counts(found: Sequence[Event], noted: Event) -> None:
+    """Raise ArgumentError where an event that was noted was taken back before: it is the same one still."""
+    reason = next(event.withdrawn for event in found if event.id == noted.id)
+    if reason is not None:
+        raise ArgumentError(
+            "note",
+            f"found this event withdrawn ({reason}); what is withdrawn stays so, wanted another note with the same "
+            "time and kind",
+        )
+
+
+def require_stands(id_: str, reason: str | None) -> None:
+    """Raise ArgumentError where what is to be withdrawn is so already."""
+    if reason is not None:
+        raise ArgumentError("campaign", f"found {id_[:SHORT]} withdrawn already ({reason}), wanted another")
 
 
 def one_of(found: Sequence[Entry], campaign: str) -> Entry:

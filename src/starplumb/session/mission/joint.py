@@ -62,7 +62,8 @@ def standing(name: str, database: sqlite3.Connection, instrument: Instrument) ->
             f"{name}: found no campaign of {instrument} that counts ({reasons}), wanted one or more"
         )
     parts = tuple(equations(database, used, instrument.frame_from))
-    agreed, notices = _known_before(database, parts, used)
+    gone = [entry for entry in mine if entry.withdrawn is not None]
+    agreed, notices = _known_before(database, parts, used, gone)
     again = _again(moments_again(database, used))
     return Standing(used, parts, left, agreed, (*notices, *_near_ground(parts), *again))
 
@@ -91,22 +92,31 @@ def _near_ground(parts: Sequence[Equations]) -> tuple[str, ...]:
 
 
 def _known_before(
-    database: sqlite3.Connection, parts: Sequence[Equations], found: Sequence[Entry]
+    database: sqlite3.Connection, parts: Sequence[Equations], found: Sequence[Entry], gone: Sequence[Entry]
 ) -> tuple[bool, tuple[str, ...]]:
-    """Whether what campaigns state of the mounting beforehand may be added: all the same, and of no campaign here."""
+    """Whether what campaigns state of the mounting beforehand may be added: all the same, and of no campaign here, nor
+    of one that is withdrawn, whose data would count on."""
     of_each = [_stated(part) for part in parts]
     stated = [known for known in of_each if known is not None]
     if not stated:
         return True, ()
     first, C_first = stated[0]
     one = all(np.allclose(P, first, rtol=SAME) and np.allclose(C, C_first, atol=1e-9) for P, C in stated)
-    # a result that is a prior is known by its mounting: its covariance may have grown since
-    told = any(np.allclose(C, entry.C_EK, atol=1e-9) for _, C in stated for entry in found)
     by = [entry for entry, known in zip(found, of_each, strict=True) if known is not None]
-    told = told or given_of_these(database, by, found)
-    if one and not told:
+
+    def told(some: Sequence[Entry]) -> bool:
+        # a result that is a prior is known by its mounting: its covariance may have grown since
+        alike = any(np.allclose(C, entry.C_EK, rtol=0.0, atol=1e-9) for _, C in stated for entry in some)
+        return alike or given_of_these(database, by, some)
+
+    if told(found):
+        why = "is that of another campaign here"
+    elif told(gone):
+        why = "is that of a campaign that is withdrawn"
+    elif one:
         return True, ()
-    why = "is that of another campaign here" if told else "is not the same in all that state it"
+    else:
+        why = "is not the same in all that state it"
     return False, (f"what campaigns state of the mounting beforehand is left out: it {why}",)
 
 

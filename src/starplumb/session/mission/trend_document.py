@@ -13,8 +13,8 @@ from ...judge.trust import NORMAL_95
 from ...mission.advice import Advice, across, advice
 from ...mission.changes import Change, changes
 from ...mission.trend import YEAR_NS, Trend
-from ...physics.errors import EpochError
-from ...physics.timescales import LATEST_UTC_MINUS_TAI, format_iso
+from ...physics.errors import ArgumentError, EpochError
+from ...physics.timescales import LATEST_UTC_MINUS_TAI, format_iso, moment
 from ...physics.units import ARCSEC, DEG
 from .issued import foretold_by
 from .known import Known
@@ -23,12 +23,20 @@ AHEAD = 13
 """Times of the forecast, evenly over the horizon."""
 SHOWN_P = 0.01
 """Probability by chance below which a change is called one."""
+LAST = "2285-01-01"
+"""End of a horizon: a few years behind it, in which the next campaign is looked for, are still epochs."""
 
 
 def trend_document(of: Known, at_ns: int | None, horizon_days: float) -> dict[str, Any]:
-    """The trend, seen from a time (None: that of the last campaign)."""
+    """The trend, seen from a time (None: that of the last campaign).  Raises ArgumentError where the horizon ends
+    beyond times that are counted."""
     horizon = round(horizon_days * 86_400e9)
     now = int(of.trend.t_ns[-1]) if at_ns is None else at_ns
+    if now + horizon > moment(LAST, "TAI"):
+        raise ArgumentError(
+            "horizon_days",
+            f"found {horizon_days:g} days after {_time(now)[:19]}, wanted an end before {LAST}",
+        )
     in_use = foretold_by(of.issued, now, of.trend.points.C_EK)
     found = advice(of.trend, in_use, now, horizon)
     listed = changes(of.trend, of.temperatures_c, of.u)

@@ -23,6 +23,7 @@ from ...physics.timescales import format_iso, moment
 from ...physics.units import ARCSEC
 from ...report.page import Table
 from ..arguments import checked
+from ..mounting import result_file
 from ..result import Result
 from ..show import Shown
 
@@ -138,6 +139,5 @@ def _of_archive(path: Path, at: str, satellite: str | None, camera: str | None) 
 def _document(result: Result | str | Path) -> tuple[ResultDocument, str]:
     if isinstance(result, Result):
         return ResultDocument.of(result.document), "the result"
-    path = Path(result)
-    path = path / "result.json" if path.is_dir() else path
+    path = result_file(Path(result))
     return ResultDocument.from_json(read_text(path), str(path)), str(path)
