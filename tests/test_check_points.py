@@ -16,6 +16,7 @@ from starplumb.judge.calibrate import calibrate
 from starplumb.physics import so3
 from starplumb.physics.earth import C_JT, itrf_to_geodetic
 from starplumb.plan.demo import demo
+from starplumb.report.calibration.summary import summary_sentences
 from starplumb.table.campaign import Campaign
 
 RANGE_M = 683e3
@@ -108,3 +109,21 @@ def test_false_alarms_are_as_rare_as_said(rng):
     for seed in rng.integers(1, 10**6, 40).tolist():
         done = calibrate(demo("line-scan" if seed % 3 == 0 else "frame", 2 + seed % 5, seed)[0], Gls())
         assert "check points contradict" not in done.message
+
+
+def test_check_points_of_an_image_that_is_left_out_are_not_compared(good):
+    """One image has another attitude than stated: its check points are off by kilometres, and no fault of theirs."""
+    campaign, C_EK_true = good
+    s = campaign.sightings
+    off = replace(s, column_px=np.where(s.image == 2, s.column_px + 900.0, s.column_px))
+    done = calibrate(replace(campaign, sightings=off), Default())
+    assert np.linalg.norm(so3.log(done.C_EK @ C_EK_true.mT)) < 5.0 * np.linalg.norm(done.sigma_E)
+    assert {r.image for r in done.rejected} == {2}
+    of_it = int(np.sum(s.check & (s.image == 2)))
+    assert of_it > 0
+    checked = done.accuracy(after=True, check=True)
+    assert checked is not None
+    assert checked.n == int(np.sum(s.check)) - of_it
+    assert checked.rmse < 50.0
+    assert "check point" not in done.message
+    assert any(f"; {of_it} more of images that are left out" in line for line in summary_sentences(done))

@@ -18,7 +18,7 @@ from ..physics import so3
 from ..physics.errors import InputError
 from ..table.campaign import Campaign
 from ..table.observations import Observations
-from .accuracy.check_points import of_check_points
+from .accuracy.check_points import compared, of_check_points
 from .consistency import chi2_p, findings
 from .contradictions import (
     Support,
@@ -135,10 +135,15 @@ class Calibration:
         """Probability of a chi-square at least this large; None where the method has none."""
         return _chi2_p(self.estimate)
 
+    @property
+    def check(self) -> NDArray[np.bool_]:
+        """The check points (n,) among the sightings, without those of images that the answer leaves out."""
+        return compared(self.campaign, self.residuals.used)
+
     def accuracy(self, after: bool, check: bool = False) -> Accuracy | None:
         """Geolocation accuracy of the control or check points, before or after; None where it cannot be said."""
         surveyed = self.campaign.landmarks.surveyed[self.campaign.sightings.landmark]
-        chosen = surveyed & (self.campaign.sightings.check if check else self.residuals.used)
+        chosen = self.check if check else surveyed & self.residuals.used
         errors = self.residuals.after_m if after else self.residuals.before_m
         return Accuracy.of(errors[chosen])
 

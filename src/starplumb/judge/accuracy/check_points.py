@@ -31,12 +31,19 @@ HELD = 10.0
 """Sigmas of the answer beyond which the check points are asked alone: what they do not determine stays as it is."""
 
 
+def compared(campaign: Campaign, used: Mask) -> Mask:
+    """Check points (n,) that tell something of an answer by the sightings ``used`` (n,): not those of images that it
+    leaves out, whose attitude or labels are wrong for them too."""
+    s, images = campaign.sightings, len(campaign.images.ids)
+    has, kept = (np.bincount(s.image[rows], minlength=images) > 0 for rows in (~s.check, used))
+    return np.asarray(s.check & campaign.landmarks.surveyed[s.landmark] & ~(has & ~kept)[s.image])
+
+
 def of_check_points(
     campaign: Campaign, fit: Fit, estimate: AlignmentEstimate, snooping: Snooping | None
 ) -> list[Finding]:
     """What the check points say of an answer whose ``fit`` leaves them out; nothing where sightings are not tested."""
-    s = campaign.sightings
-    check = s.check & campaign.landmarks.surveyed[s.landmark]
+    check = compared(campaign, fit.table.weight > 0.0)
     if snooping is None or not np.any(check):
         return []
     wrong = check & (snooping.statistic > ALONE)

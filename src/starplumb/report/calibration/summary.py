@@ -78,9 +78,11 @@ def summary_sentences(c: Calibration) -> list[str]:
         before, after = c.accuracy(False, check), c.accuracy(True, check)
         if after is not None:
             was = "off the Earth" if before is None else f"{before.rmse:.3g} m"
+            of_left_out = _checks_of_left_out(c) if check else 0
+            more = f"; {of_left_out} more of images that are left out" if of_left_out else ""
             lines.append(
                 f"geolocation of {counted(after.n, name)}: {was} rms before, {after.rmse:.3g} m after "
-                f"(CE90 {after.ce90:.3g} m)"
+                f"(CE90 {after.ce90:.3g} m){more}"
             )
     if c.rejected:
         kinds = [r.reason.split(":")[0] for r in c.rejected]
@@ -88,6 +90,12 @@ def summary_sentences(c: Calibration) -> list[str]:
         counts = f" ({several})" if len(set(kinds)) > 1 else ""
         lines.append(f"rejected {counted(len(c.rejected), 'sighting')}{counts}: see result.json")
     return lines
+
+
+def _checks_of_left_out(c: Calibration) -> int:
+    """How many check points are of images that the answer leaves out."""
+    s = c.campaign.sightings
+    return int(np.sum(s.check & c.campaign.landmarks.surveyed[s.landmark] & ~c.check))
 
 
 def label_sentence(labels: Labels) -> str:

@@ -152,7 +152,7 @@ def geolocation(c: Calibration) -> tuple[Table, ...]:
     control = c.residuals.used
     for name, chosen in (
         ("control points, several images", control),
-        ("check points, several images", ~control),
+        ("check points, several images", c.check),
     ):
         for when, C_EK in (("before", c.campaign.C_EK), ("after", c.estimate.C_EK)):
             if c.status.usable or when == "before":
