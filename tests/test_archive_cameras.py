@@ -19,6 +19,7 @@ from starplumb.mission.joint import Equations, Known, joint
 from starplumb.physics import so3
 from starplumb.physics.errors import InputError
 from starplumb.physics.units import ARCSEC
+from starplumb.session.mission.kernel import frame_of, kernel_of
 from starplumb.table.campaign import some_of
 from test_cameras import delivered
 
@@ -167,6 +168,13 @@ def test_campaigns_of_one_camera_add_to_those_of_all(tmp_path, made):
         archive.show()
 
 
+def test_issued_frames_are_those_of_a_calibration_of_all():
+    """1400001 and 1400003 on, as ``calibrate`` numbers cameras around the tracker's 1400002; alone a camera is CAMERA."""
+    rigs = [("B",), ("A", "B"), ("A", "C")]
+    assert [frame_of(camera, rigs) for camera in "ABC"] == [("A", 1400001), ("B", 1400003), ("C", 1400004)]
+    assert frame_of("pan", [("pan",)] * 3) == ("camera", 1400001)
+
+
 @pytest.mark.slow
 def test_what_is_known_of_a_further_camera_is_issued_and_foretold(tmp_path, made):
     archive = archive_of(tmp_path, made, "one", "two")
@@ -174,6 +182,8 @@ def test_what_is_known_of_a_further_camera_is_issued_and_foretold(tmp_path, made
     trend = archive.trend(camera="C").document
     assert (trend["from"], len(trend["points"])) == ("C", 2)
     issued = archive.issue("first light", camera="C")
+    for text in (kernel_of(issued), (made / "one" / "result" / "mounting.tf").read_text()):
+        assert "FRAME_C = 1400004" in text
     done = starplumb("predict", archive.path, "--at", issued["from"], "--camera", "C", "--json")
     assert done.status == 0, done.err
     foretold = json.loads(done.out)

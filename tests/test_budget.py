@@ -14,6 +14,7 @@ from starplumb.io.scenario.read import find_scenario, load_scenario
 from starplumb.physics import so3
 from starplumb.physics.units import ARCSEC
 from starplumb.plan.bound import Linear, effects
+from starplumb.plan.scenario import Initial
 from starplumb.study.budget import budget, directions, requirements, response
 from starplumb.study.budget_document import about, document, words
 from starplumb.study.monte_carlo import Study
@@ -114,6 +115,30 @@ def test_what_a_source_must_shrink_to_reaches_the_target(scanner):
 
 def test_a_target_already_met_asks_nothing(two_images):
     assert all(np.all(one.factor == 1.0) for one in requirements(two_images, 100.0 * ARCSEC))
+
+
+def test_a_stated_prior_is_a_source_that_only_those_have_who_use_it(two_images):
+    """By hand ``P = (P_data^-1 + P_0^-1)^-1``: a prior off by what it states beside images that know nothing of it."""
+    sigma = np.array([0.3, 0.5, 2.0]) * ARCSEC
+    told = replace(two_images, initial=Initial(sigma, stated=True))
+    alone = np.linalg.inv(budget(two_images, Gls()).true_E)
+
+    def by_hand(factor):
+        return np.linalg.inv(alone + np.diag((factor * sigma) ** -2.0))
+
+    found = budget(told, Gls())
+    np.testing.assert_allclose(found.true_E, by_hand(1.0), rtol=1e-4, atol=1e-5 * found.true_E.max())
+    assert list(words(told, found))[1] == "the stated sigma is the true one"
+    assert [share.label for share in found.shares[-3:]] == ["[initial] x", "[initial] y", "[initial] z"]
+    by_response = [response(told, Gls(), share.source) for share in found.shares[-1:]]
+    np.testing.assert_allclose(
+        by_response[0][:, 0], by_hand(1.0) / sigma, atol=1e-3 * np.max(by_hand(1.0) / sigma)
+    )
+    np.testing.assert_allclose(budget(told, Wahba()).true_E, budget(two_images, Wahba()).true_E, rtol=1e-6)
+    target = 0.8 * float(np.max(found.sigma_E))
+    asked = requirements(told, target)[-1]
+    worst = int(np.argmax(found.sigma_E))
+    assert np.sqrt(by_hand(asked.factor[worst])[worst, worst]) == pytest.approx(target, rel=1e-3)
 
 
 def test_weak_directions_are_named_in_the_terms_of_the_camera(two_images):

@@ -269,6 +269,14 @@ def test_the_page_takes_an_event_in_a_leap_second():
     [
         (("event", "yesterday", "x"), ": TIME: "),
         (("trend", "--at", "never"), "--at: "),
+        (
+            ("trend", "--at", "1999-01-01"),
+            "--at: found 1999-01-01, wanted a time from the last campaign on (20",
+        ),
+        (
+            ("trend", "--at", "2000-02-01"),
+            "--at: found 2000-02-01, wanted a time from the last campaign on (20",
+        ),
         (("withdraw", "zzz", "--reason", "x"), ": CAMPAIGN: found no such campaign under 'zzz'"),
         (("trend", "--horizon-days", "-3"), "--horizon-days: found -3.0, wanted a positive number"),
         (

@@ -9,11 +9,16 @@ of one source and c_j the rms response to a unit of it::
 and c_j itself is the sensitivity where the source stands alone, as (28) of Lebedev and Tkachenko (2012) lists them.
 For ``gls`` with the true sigmas the derivative holds although its gain depends on them: an optimal gain adds nothing
 to first order.
+
+What is stated of the mounting beforehand is off by an error of its own: a source too, that no measurement has.  A prior
+with the covariance P_0, off by xi, moves least squares by ``P P_0^-1 xi``.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +29,8 @@ from ..estimators.protocol import Estimator
 from ..physics import so3
 from ..plan.bound import Linear, effects
 from ..plan.scenario import Scenario
-from ..table.error_sources import Source, combine
+from ..table.error_sources import UNIT_ARCSEC, Source, combine
+from ..table.observations import Observations
 from ..table.simulate import measure
 from .cameras import OfCamera
 from .monte_carlo import SIGHTINGS_AT_ONCE
@@ -37,6 +43,8 @@ SMALLEST_FACTOR = 1e-4
 """A source that must shrink by more than this must vanish."""
 PRECISION = 1e-4
 """Relative precision of the factor by which it must shrink."""
+PRIOR = "[initial]"
+"""Name of the prior among the sources; no source of a scenario can have it."""
 
 
 @dataclass(frozen=True)
@@ -80,15 +88,22 @@ def budget(scenario: Scenario, estimator: Estimator) -> Budget:
     """The budget of an estimator at the truth; blunders are left out, they are not noise.
 
     An answer that is that of generalised least squares is taken from its gain, any other from the estimator's
-    response to a unit draw of each source.
+    response to a unit draw of each source.  A stated prior is the last of the sources.
     """
     sources = [source for source in scenario.sources if not source.is_blunder]
+    prior = prior_source(scenario)
+    known = [] if prior is None else [prior]
     at_the_truth = estimator(scenario.stated, scenario.C_EK_true)
     if at_the_truth.unknowns == Unknowns() or isinstance(estimator, OfCamera):
-        gain = Linear(scenario, scenario.stated_sources).gain
-        gain = estimator.of(gain) if isinstance(estimator, OfCamera) else gain
+        linear = Linear(scenario, scenario.stated_sources)
+        gain, by_prior = linear.gain, linear.covariance_all_E[:, :3]
+        if isinstance(estimator, OfCamera):
+            gain, by_prior = estimator.of(gain), estimator.of(by_prior)
         responses = [effect.through(gain) for effect in effects(scenario, sources)]
+        pulled = [] if prior is None else [(by_prior / prior.sigma)[:, None]]
+        responses, sources = [*responses, *pulled], [*sources, *known]
     else:
+        sources = [*sources, *known]
         responses = [response(scenario, estimator, source) for source in sources]
     parts = [
         (source, component, R[..., source.component == component])
@@ -101,6 +116,25 @@ def budget(scenario: Scenario, estimator: Estimator) -> Budget:
     return Budget(total, at_the_truth.covariance_E, tuple(shares))
 
 
+def prior_source(scenario: Scenario) -> Source | None:
+    """The error of the mounting that is stated beforehand; None where none is stated."""
+    initial = scenario.initial
+    if not initial.stated:
+        return None
+    nothing, axes = np.zeros(1, dtype=np.int64), np.arange(3)
+    words = "the mounting that is stated beforehand"
+    labels = ("x", "y", "z")
+    return Source(PRIOR, words, "turn_E", np.eye(3)[None], nothing, axes, initial.sigma, labels, UNIT_ARCSEC)
+
+
+def _started(scenario: Scenario, estimator: Estimator, prior: Source) -> Array:
+    """Response (3, 3) rad of an estimator to a mounting stated beforehand that is off by a sigma about each axis."""
+    C_EK = so3.exp(STEP * np.diag(prior.sigma)) @ scenario.C_EK_true
+    found = [estimator(scenario.stated, C).C_EK for C in (scenario.C_EK_true, *C_EK)]
+    theta = so3.log(np.stack(found) @ scenario.C_EK_true.mT)
+    return np.asarray(((theta[1:] - theta[0]) / STEP).mT)
+
+
 def _share(source: Source, component: int, part: Array, total: Array) -> Share:
     sigma = source.sigma[component]
     spread, whole = np.sqrt(np.diagonal(part)), np.sqrt(np.diagonal(total))
@@ -110,7 +144,10 @@ def _share(source: Source, component: int, part: Array, total: Array) -> Share:
 
 
 def response(scenario: Scenario, estimator: Estimator, source: Source) -> Array:
-    """Response R (3, groups, q) rad of an estimator to a unit draw of each group and coordinate of a source."""
+    """Response R (3, groups, q) rad of an estimator to a unit draw of each group and coordinate of a source, or of the
+    mounting that is stated beforehand."""
+    if source.name == PRIOR:
+        return _started(scenario, estimator, source)[:, None]
     groups, q = source.groups, source.component.size
     zero = _theta(scenario, estimator, source, np.zeros((1, groups, q)))
     batch = max(1, SIGHTINGS_AT_ONCE // scenario.truth.n)
@@ -146,18 +183,30 @@ class Requirement:
 def requirements(scenario: Scenario, target: float) -> tuple[Requirement, ...]:
     """What each source must shrink to so that the best estimate's sigma about each axis is ``target`` rad or less.
 
-    The estimate is that of generalised least squares with the true sigmas, its weights following them.
+    The estimate is that of generalised least squares with the true sigmas, its weights following them.  A stated prior
+    is the last of the sources.
     """
     sources = tuple(source for source in scenario.sources if not source.is_blunder)
-    return tuple(_requirement(scenario, sources, i, target) for i in range(len(sources)))
+    prior, C_EK, unknowns = prior_source(scenario), scenario.C_EK_true, scenario.unknowns
+
+    def sigma(table: Observations) -> Array:
+        return np.asarray(np.sqrt(np.diagonal(covariance_at(table, C_EK, unknowns))))
+
+    def with_one(i: int, factor: float) -> Array:
+        scaled = (*sources[:i], sources[i].scaled(factor), *sources[i + 1 :])
+        return sigma(scenario.with_stated(scaled))
+
+    def with_prior(factor: float) -> Array:
+        table = scenario.with_stated(sources)
+        assert table.prior_E is not None
+        return sigma(replace(table, prior_E=factor**2 * table.prior_E))
+
+    asked = [_requirement(source, partial(with_one, i), target) for i, source in enumerate(sources)]
+    return (*asked, *([] if prior is None else [_requirement(prior, with_prior, target)]))
 
 
-def _requirement(scenario: Scenario, sources: tuple[Source, ...], i: int, target: float) -> Requirement:
-    def sigma(factor: float) -> Array:
-        stated = scenario.with_stated((*sources[:i], sources[i].scaled(factor), *sources[i + 1 :]))
-        covariance = covariance_at(stated, scenario.C_EK_true, scenario.unknowns)
-        return np.asarray(np.sqrt(np.diagonal(covariance)))
-
+def _requirement(source: Source, sigma: Callable[[float], Array], target: float) -> Requirement:
+    """Of one source, by the ``sigma`` (3,) about the axes after a factor on its own."""
     now, least = sigma(1.0), sigma(SMALLEST_FACTOR)
     factor = np.where(now <= target, 1.0, np.nan)
     for axis in np.flatnonzero((now > target) & (least <= target)):
@@ -166,7 +215,7 @@ def _requirement(scenario: Scenario, sources: tuple[Source, ...], i: int, target
             middle = float(np.sqrt(low * high))
             low, high = (middle, high) if sigma(middle)[axis] <= target else (low, middle)
         factor[axis] = low
-    return Requirement(sources[i], factor, least)
+    return Requirement(source, factor, least)
 
 
 @dataclass(frozen=True)

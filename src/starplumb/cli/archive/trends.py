@@ -18,7 +18,7 @@ def trend(
     camera: OfCamera = None,
     at: Annotated[
         str | None,
-        typer.Option("--at", metavar="TIME", help="Seen from this time, UTC [default: last campaign]."),
+        typer.Option("--at", metavar="TIME", help="Seen from this time on, UTC [default: last campaign]."),
     ] = None,
     horizon_days: Annotated[
         float, typer.Option("--horizon-days", metavar="DAYS", help="How far ahead a mounting is used.")

@@ -126,6 +126,8 @@ class ArchiveIssueDocument(Document):
     satellite: str
     camera: str
     tracker: str
+    spice_frame: str | None = None
+    spice_id: int | None = None
     from_: str = Field(alias="from")
     to: str | None
     supersedes: str | None

@@ -15,8 +15,8 @@ from ...io.archive.conflicts import known
 from ...io.archive.insertion import insert
 from ...io.archive.rows import Entry, Instrument, all_instruments, entries, instruments
 from ...io.tables.cells import PRINTABLE
-from ...physics.errors import ArgumentError, EpochError
-from ...physics.timescales import format_iso, moment
+from ...physics.errors import ArgumentError
+from ...physics.timescales import format_iso
 from ...report.page import Table
 from ..arguments import Positive, Wanted, checked
 from ..show import Shown
@@ -32,8 +32,8 @@ from .entries import (
     satellite_of,
     state,
 )
+from .known import from_the_last_on, mounting_at, time_of
 from .known import known as known_of
-from .known import mounting_at
 
 if TYPE_CHECKING:
     from ...documents.prediction import Prediction
@@ -44,14 +44,6 @@ Words = Annotated[
     str, Wanted(PRINTABLE, str.isprintable), Wanted("some words", lambda value: bool(value.strip()))
 ]
 Satellite = Annotated[str, Wanted("the name of a satellite", lambda value: value.isprintable())]
-
-
-def time_of(argument: str, text: str) -> int:
-    """The epoch of an ISO 8601 time in UTC, a day alone being its midnight.  Raises ArgumentError where it is none."""
-    try:
-        return moment(text, "UTC")
-    except EpochError as error:
-        raise ArgumentError(argument, str(error)) from None
 
 
 def utc_now() -> str:
@@ -164,14 +156,13 @@ class Archive(Shown):
         horizon_days: Positive = 30.0,
     ) -> Any:
         """The mounting against time: each campaign, what changes it, what will be, and what to do, seen from the time
-        ``at`` (UTC; left out: of the last campaign) over ``horizon_days``."""
+        ``at`` (UTC, not before the last campaign; left out: of that) over ``horizon_days``."""
         from .trend import TrendFound
         from .trend_document import trend_document
 
         with self._reading(satellite, camera) as (database, instrument):
             found = known_of(str(self.path), database, instrument)
-        now = None if at is None else time_of("at", at)
-        return TrendFound(trend_document(found, now, horizon_days))
+        return TrendFound(trend_document(found, from_the_last_on(found, "at", at), horizon_days))
 
     @checked
     def event(
@@ -213,22 +204,19 @@ class Archive(Shown):
         """Issue what the trend foretells, valid from ``start`` (UTC; left out: the last campaign) to ``end`` (left out:
         until further notice); it stands in for what was issued before, which stays in the archive."""
         from .issued import issue_document, model_of
+        from .kernel import frame_of
 
         with self._reading(satellite, camera) as (database, instrument):
             found = known_of(str(self.path), database, instrument)
-            first = int(found.trend.t_ns[-1]) if start is None else time_of("start", start)
+            first = from_the_last_on(found, "start", start)
             last = None if end is None else time_of("end", end)
-            if first < int(found.trend.t_ns[-1]):
-                latest = format_iso([found.trend.t_ns[-1]], "UTC", 0)[0]
-                raise ArgumentError(
-                    "start", f"found {start}, wanted a time from the last campaign on ({latest})"
-                )
             if last is not None and last <= first:
                 raise ArgumentError("end", f"found {end}, which is not after the start, wanted a later time")
             model = model_of(found.trend, first)
             with store.transaction(database):
                 done = records.issue(database, instrument, (first, last), model, reason, utc_now())
-        return issue_document(str(self.path), done)
+            rigs = [entry.cameras for entry in entries(database, instrument)]
+        return issue_document(str(self.path), done, frame_of(instrument.frame_from, rigs))
 
     @checked
     def withdraw(self, campaign: str, reason: Words) -> dict[str, Any]:

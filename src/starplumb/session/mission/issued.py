@@ -75,8 +75,8 @@ def foretold_by(issued: Sequence[Validity], now_ns: int, C_EK: Array) -> Foretol
     return turn
 
 
-def issue_document(archive: str, one: Validity) -> dict[str, Any]:
-    """What ``starplumb archive issue --json`` prints."""
+def issue_document(archive: str, one: Validity, frame: tuple[str, int]) -> dict[str, Any]:
+    """What ``starplumb archive issue --json`` prints; ``frame`` is SPICE's name and id of the camera."""
     C, P = at(one.model, one.from_ns)
     return {
         "schema": "starplumb-archive-issue/1",
@@ -85,6 +85,8 @@ def issue_document(archive: str, one: Validity) -> dict[str, Any]:
         "satellite": one.instrument.satellite,
         "camera": one.instrument.frame_from,
         "tracker": one.instrument.frame_to,
+        "spice_frame": frame[0],
+        "spice_id": frame[1],
         "from": format_iso([one.from_ns], "UTC")[0],
         "to": None if one.to_ns is None else format_iso([one.to_ns], "UTC")[0],
         "supersedes": one.supersedes,

@@ -2,20 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
 
-from ...io.campaign.spice_config import SpiceConfig, kernel_frames
+from ...io.campaign.fixed_frames import CAMERA
+from ...io.campaign.spice_config import SpiceConfig, SpiceFrame, camera_frames, kernel_frames
 from ...io.formats.spice import frame_kernel_text
+from ...io.formats.spice_names import CAMERA_ID, TRACKER_ID
 from ...physics.units import ARCSEC
+
+
+def frame_of(camera: str, rigs: Iterable[tuple[str, ...]]) -> tuple[str, int]:
+    """SPICE's name and id of a camera of an archive whose campaigns have the cameras ``rigs``: those that ``calibrate``
+    gives it in the largest rig, cameras of other campaigns behind; a camera that is alone is called as it is there."""
+    names = dict.fromkeys(name for rig in sorted(rigs, key=len, reverse=True) for name in rig)
+    if len(names) < 2:
+        return CAMERA, CAMERA_ID
+    return camera_frames(dict.fromkeys(names, SpiceFrame()), TRACKER_ID)[camera]
 
 
 def kernel_of(issued: Mapping[str, Any]) -> str:
     """``mounting.tf`` of what ``Archive.issue`` gives, its coefficients in the comments."""
     model = issued["model"]
-    camera, tracker, ids = kernel_frames(SpiceConfig(), issued["tracker"])
+    frame = issued["spice_frame"], issued["spice_id"]
+    camera, tracker, ids = kernel_frames(SpiceConfig(), issued["tracker"], frame)
     comments = [
         f"valid from {issued['from']} to {issued['to'] or 'further notice'} (UTC), as it is at the start",
         f"issued because: {issued['reason']}",

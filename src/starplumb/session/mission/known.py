@@ -16,6 +16,8 @@ from ...mission.advice import altitude_m
 from ...mission.points import points
 from ...mission.trend import Trend, trend
 from ...physics import so3
+from ...physics.errors import ArgumentError, EpochError
+from ...physics.timescales import format_iso, moment
 from .issued import at, valid_at
 from .joint import standing
 
@@ -24,6 +26,8 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
+A_SECOND_NS = 1_000_000_000
+"""Times are told to it, and what was told is taken again."""
 GATHERED = 0.5
 """Resultant of the phases of a campaign's images from which on they have a middle."""
 
@@ -82,6 +86,25 @@ def mounting_at(of: Known, t_ns: int) -> Prediction:
         turn, P = of.trend.at(t_ns)
         C, said = so3.exp(turn) @ start, "by the trend of the campaigns: nothing was issued for this time"
     return Prediction(C, P, so3.log(C @ start.T), outside, (said,))
+
+
+def time_of(argument: str, text: str) -> int:
+    """The epoch of an ISO 8601 time in UTC, a day alone being its midnight.  Raises ArgumentError where it is none."""
+    try:
+        return moment(text, "UTC")
+    except EpochError as error:
+        raise ArgumentError(argument, str(error)) from None
+
+
+def from_the_last_on(of: Known, argument: str, text: str | None) -> int:
+    """The epoch that is asked for, by default that of the last campaign.  Raises ArgumentError for one before: what is
+    foretold then rests on campaigns that were not yet there."""
+    last = int(of.trend.t_ns[-1])
+    t_ns = last if text is None else time_of(argument, text)
+    if t_ns < last - A_SECOND_NS:
+        latest = format_iso([last], "UTC", 0)[0]
+        raise ArgumentError(argument, f"found {text}, wanted a time from the last campaign on ({latest})")
+    return max(t_ns, last)
 
 
 def _middle(some: Sequence[ImageRow]) -> int:
