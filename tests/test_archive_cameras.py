@@ -169,7 +169,7 @@ def test_campaigns_of_one_camera_add_to_those_of_all(tmp_path, made):
 
 
 def test_issued_frames_are_those_of_a_calibration_of_all():
-    """1400001 and 1400003 on, as ``calibrate`` numbers cameras around the tracker's 1400002; alone a camera is CAMERA."""
+    """1400001, then from 1400003 on: 1400002 is the tracker. A camera that is alone is CAMERA."""
     rigs = [("B",), ("A", "B"), ("A", "C")]
     assert [frame_of(camera, rigs) for camera in "ABC"] == [("A", 1400001), ("B", 1400003), ("C", 1400004)]
     assert frame_of("pan", [("pan",)] * 3) == ("camera", 1400001)
