@@ -129,7 +129,8 @@ def _as_document(found: Predicted, t_ns: int, frames: tuple[str, str]) -> dict[s
 
 
 def _of_archive(path: Path, at: str, satellite: str | None, camera: str | None) -> dict[str, Any]:
-    from ..mission.archive import mounting_of, time_of
+    from ..mission.archive import mounting_of
+    from ..mission.known import time_of
 
     t_ns = time_of("at", at)
     found, instrument = mounting_of(path, t_ns, satellite, camera)
