@@ -16,6 +16,7 @@ from starplumb.judge.mountings import mountings
 from starplumb.physics.errors import InputError
 from starplumb.physics.units import ARCSEC
 from starplumb.plan import scene
+from starplumb.report.plan import of_cameras
 from starplumb.table.error_sources import draw
 from starplumb.table.geometry import observe
 
@@ -206,6 +207,15 @@ def test_a_plan_says_how_its_images_tell_the_cameras_apart(tmp_path):
     assert any(sentence in text for text in found.sentences)
     found.save(tmp_path)
     assert sentence in (tmp_path / "plan.html").read_text()
+
+
+def test_a_plan_that_is_given_a_mounting_says_what_of_the_other_camera_it_leaves_out():
+    one = {"camera": "B", "against": "A", "sigma_arcsec": [1.0, 2.0, 3.0], "left_out": None}
+    (all_counts,) = of_cameras({"cameras": [one]})
+    assert "is then known to" in all_counts
+    (said,) = of_cameras({"cameras": [{**one, "left_out": "what mission.db says of B"}]})
+    assert "then known" not in said
+    assert "by the planned images and what is given of A; what mission.db says of B is left out" in said
 
 
 def test_a_large_scene_has_the_gain_of_a_small_one(monkeypatch):

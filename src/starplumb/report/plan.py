@@ -55,11 +55,15 @@ def _sentences(d: Document) -> tuple[str, ...]:
 
 def of_cameras(d: Document) -> tuple[str, ...]:
     """How each further camera is known against the first, by whose mounting images are chosen."""
-    return tuple(
-        f"{c['camera']} against {c['against']}, by whose mounting the images are chosen, is then known to "
-        f"{triple(c['sigma_arcsec'])} arcsec about x, y, z"
-        for c in d["cameras"]
-    )
+    return tuple(map(_of_camera, d["cameras"]))
+
+
+def _of_camera(c: Document) -> str:
+    pair = f"{c['camera']} against {c['against']}, by whose mounting the images are chosen, is"
+    sigma = f"known to {triple(c['sigma_arcsec'])} arcsec about x, y, z"
+    if c.get("left_out") is None:
+        return f"{pair} then {sigma}"
+    return f"{pair} {sigma} by the planned images and what is given of {c['against']}; {c['left_out']} is left out"
 
 
 def _summary(d: Document) -> str:

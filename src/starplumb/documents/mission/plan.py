@@ -87,11 +87,13 @@ class TiesPart(Part):
 
 
 class AgainstPart(Part):
-    """How the mounting of a further camera is known against that of the first after all chosen images."""
+    """How the mounting of a further camera is known against that of the first after all chosen images; ``left_out`` is
+    what is given and not counted."""
 
     camera: str
     against: str
     sigma_arcsec: Triple
+    left_out: str | None = None
 
 
 class ReachedPart(Part):

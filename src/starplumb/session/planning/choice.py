@@ -88,7 +88,8 @@ class Choice:
     @cached_property
     def cameras(self) -> dict[str, Array]:
         """Of several cameras the covariance (3, 3) of the mounting of each further one against the first after all
-        images, by the whole noise model; nothing of one, or where they are too many to say."""
+        images and what is known of the first one before, by the whole noise model; nothing of one, or where they are
+        too many to say."""
         optics = self.stage.config.optics
         if len(optics) < 2 or len(self.picks) > MOST_TIED:
             return {}
@@ -96,7 +97,9 @@ class Choice:
         rig = None if found is None else found.campaign.rig
         if found is None or rig is None or found.truth.n > MOST_SIGHTINGS:
             return {}
-        P = bound_E(found).reshape(len(rig.names), 3, len(rig.names), 3)
+        information = np.linalg.inv(bound_E(found))
+        information[:3, :3] += np.linalg.inv(self.design.P_theta)
+        P = np.linalg.inv(information).reshape(len(rig.names), 3, len(rig.names), 3)
         return {
             name: P[k, :, k] + P[0, :, 0] - P[k, :, 0] - P[0, :, k]
             for k, name in enumerate(rig.names)

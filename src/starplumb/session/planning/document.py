@@ -26,6 +26,8 @@ CRITERION = (
     "rms error on the ground, m, over the field of view straight down, by the mounting alone "
     "(A-optimality: the trace of its covariance, weighted by what a turn does on the ground)"
 )
+INITIAL = "the scenario's [initial]"
+"""What is known before by the scenario itself: of the first camera alone."""
 NAMED = 0.1
 """A source is named in a sentence from this part of the variance on."""
 DIFFERENT = 0.02
@@ -68,7 +70,7 @@ def document(found: Choice, given: str | None, notices: Sequence[str]) -> dict[s
         "usual": _usual(found),
         "tie_points": _ties(found),
         "checked": _checked(found),
-        "cameras": _cameras(found),
+        "cameras": _cameras(found, given),
         "shared_errors": found.shares(found.picks, axis),
         "target": None if found.asked.sigma <= 0.0 else _target(found, last),
         "notices": [*notices, *_doubts(found)],
@@ -162,11 +164,17 @@ def _checked(found: Choice) -> dict[str, Any]:
     }
 
 
-def _cameras(found: Choice) -> list[dict[str, Any]]:
-    """How each further camera is known against the first after all images."""
+def _cameras(found: Choice, given: str | None) -> list[dict[str, Any]]:
+    """How each further camera is known against the first after all images; ``left_out`` is what is not counted."""
     first = next(iter(found.stage.config.optics))
     return [
-        {"camera": name, "against": first, "sigma_arcsec": _sigma(P)} for name, P in found.cameras.items()
+        {
+            "camera": name,
+            "against": first,
+            "sigma_arcsec": _sigma(P),
+            "left_out": None if given in (None, INITIAL) else f"what {given} says of {name}",
+        }
+        for name, P in found.cameras.items()
     ]
 
 

@@ -27,7 +27,7 @@ from ..result import Result
 from ..scenario import Scenario
 from ..show import Shown
 from .choice import Asked, choose
-from .document import SCHEMA, WORTH_SAYING, document
+from .document import INITIAL, SCHEMA, WORTH_SAYING, document
 
 Array = NDArray[np.float64]
 Images = Annotated[int, Wanted("a whole number from 1 to 1000", lambda value: 1 <= value <= 1000)]
@@ -180,7 +180,7 @@ def plan_images(
     known, name = _known(given, flown, first, (satellite, camera), notices)
     if known is None and scenario.data.prior_E is not None:
         known = scenario.data.prior_E
-        name = "the scenario's [initial]"
+        name = INITIAL
     with read.named():
         sigma = 0.0 if target_arcsec is None else target_arcsec * ARCSEC
         found = choose(flown, all_sites, Asked(images, sigma, start_s, end_s, known))
