@@ -161,40 +161,34 @@ def calibrate(campaign: Campaign, estimator: Estimator, by_gls: Calibration | No
     if campaign.attitude_errors.session_estimated and own.usable:
         campaign, known = with_session(campaign, fit), None
         fit, estimate, own, verdict, used = _solved(campaign, estimator)
-    observations, unknowns = replace(fit.table, weight=np.ones(used.size)), fit.unknowns
+    observations = replace(fit.table, weight=np.ones(used.size))
     if own.usable:
         estimate = recognised(fit, estimate)
     tested = own.usable and estimate.unknowns is not None
-    snooping = snoop(fit, estimate) if tested else None
-    traded, left = (
-        tuple(combinations(observations, estimate)),
-        residuals(fit, used, None if known is None else known.residuals),
-    )
-    surveyed = without_ties(fit, campaign.landmarks.tie)
-    scatter = scatter_of(campaign, surveyed, estimate) if tested else None
-    moving = moves(campaign, surveyed) if tested else None
+    tests = _Tests.of(campaign, fit, estimate) if tested else _Tests()
+    traded = tuple(combinations(observations, estimate))
+    left = residuals(fit, used, None if known is None else known.residuals)
     support = Support(campaign, observations, ~campaign.sightings.check, used)
-    again = Gls(unknowns.parameters)
     evidence = _evidence(campaign, observations, estimate, used)
-    rests = () if not tested or estimate.sigma_E is None else rests_on(campaign, fit, estimate.sigma_E)
     found = [
         *contradictions(support, estimate, left),
-        *(findings_of_sources(scatter, int(np.sum(support.counts[1] > 0))) if tested else ()),
-        *_moving(campaign, moving, estimate),
+        *(findings_of_sources(tests.scatter, int(np.sum(support.counts[1] > 0))) if tested else ()),
+        *_moving(campaign, tests.moving, estimate),
         *(Finding(e.text, e.weakens, refutes=e.refuses, covariance_E=e.covariance_E) for e in evidence),
         *of_combinations(traded, estimate),
-        *_consistent(support, estimate, again, snooping),
+        *_consistent(support, estimate, Gls(fit.unknowns.parameters), tests.snooping),
         *_unmodelled(campaign, fit, estimate),
-        *(of_check_points(campaign, fit, estimate, snooping) if tested else ()),
-        *finding_of_rests_on(rests),
+        *(of_check_points(campaign, fit, estimate, tests.snooping) if tested else ()),
+        *finding_of_rests_on(tests.rests),
         *rest_on_one(fit, estimate.parameters if tested else None, campaign.images.ids),
         *finding_of_session(campaign),
-        *(Finding(sentence, False) for sentence in _remarks(estimate, untested=tested and snooping is None)),
+        *(Finding(text, False) for text in _remarks(estimate, untested=tested and tests.snooping is None)),
     ]
     if own.usable and not tested:
         found += _beside_least_squares(campaign, used, estimate, by_gls, found)
     ruined = ruins_alignment(list(traded))
     status = judged(Status(max(own, Status.SINGULAR)) if ruined else own, found)
+    stands = tests if status.usable else _Tests()
     return Calibration(
         campaign=campaign,
         observations=observations,
@@ -202,16 +196,42 @@ def calibrate(campaign: Campaign, estimator: Estimator, by_gls: Calibration | No
         residuals=left,
         status=status,
         sentences=said(found) if own.usable else (_without_answer(own), *said(found)),
-        rejected=() if snooping is None else rejections(fit, snooping, verdict, campaign.sightings.image),
-        snooping=snooping,
+        rejected=tests.rejections(fit, verdict, campaign.sightings.image),
+        snooping=tests.snooping,
         combinations=traded,
         notices=tuple(finding.sentence for finding in found if finding.informs),
         evidence=evidence,
-        interval_95_E=_interval(estimate, scatter, found) if status.usable else None,
-        from_data=scatter if status.usable else None,
-        rests_on=rests if status.usable else (),
-        moves=moving if status.usable else None,
+        interval_95_E=_interval(estimate, tests.scatter, found) if status.usable else None,
+        from_data=stands.scatter,
+        rests_on=stands.rests,
+        moves=stands.moving,
     )
+
+
+@dataclass(frozen=True)
+class _Tests:
+    """What is asked of a usable answer whose equations are known; of any other nothing."""
+
+    snooping: Snooping | None = None
+    scatter: FromData | None = None
+    moving: Moves | None = None
+    rests: tuple[RestsOn, ...] = ()
+
+    @classmethod
+    def of(cls, campaign: Campaign, fit: Fit, estimate: AlignmentEstimate) -> _Tests:
+        surveyed = without_ties(fit, campaign.landmarks.tie)
+        return cls(
+            snoop(fit, estimate),
+            scatter_of(campaign, surveyed, estimate),
+            moves(campaign, surveyed),
+            () if estimate.sigma_E is None else rests_on(campaign, fit, estimate.sigma_E),
+        )
+
+    def rejections(
+        self, fit: Fit, verdict: NDArray[np.int64], image: NDArray[np.intp]
+    ) -> tuple[Rejection, ...]:
+        """The sightings left out, each with what spoke against it."""
+        return () if self.snooping is None else rejections(fit, self.snooping, verdict, image)
 
 
 def _beside_least_squares(
