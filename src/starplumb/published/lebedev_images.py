@@ -13,6 +13,7 @@ from ..estimators.gls import Gls
 from ..estimators.protocol import AlignmentEstimate
 from ..estimators.published.cross_product import CrossProduct
 from ..physics import so3
+from ..physics.errors import counted
 from ..physics.units import ARCSEC, DEG, MM
 from ..table.observations import Observations
 from ..table.simulate import Errors, measure
@@ -49,7 +50,7 @@ def _against_images(name: str, figure: str, trials: int, rng: np.random.Generato
         table = _truth(setting, nadir, count, refined, rng, trials)
         measured = measure(table, C_EK_TRUE, _errors(setting, table, rng, trials))
         figures = [float(row[f"{figure}_{axis}_arcsec"]) for axis in COLUMNS]
-        label = f"{count} image{'s' * (count > 1)}{', refined resolution' if refined else ''}"
+        label = f"{counted(count, 'image')}{', refined resolution' if refined else ''}"
         ours = _series(CrossProduct(covariance="none")(measured, C_EK_TRUE).C_EK, figure, setting["runs"])
         allowance = np.array(setting["tolerance"]) * ours.value
         rows.append(judge(label, COLUMNS, figures, ours, allowance, setting["why"]))

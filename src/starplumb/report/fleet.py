@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from ..physics.errors import counted
 from .page import Page, Section, Table, render
 
 Document = Mapping[str, Any]
@@ -38,8 +39,8 @@ def _summary(d: Document, failed: int) -> str:
     n, s = len(d["campaigns"]), d["satellites"]
     kinds = [row["action"] for row in s]
     todo = ", ".join(f"{kinds.count(kind)} to {kind}" for kind in ACTIONS if kind in kinds)
-    satellites = f" {len(s)} satellite{'s' * (len(s) != 1)} in the archive: {todo}." if s else ""
-    return f"{n} campaign{'s' * (n != 1)}, {failed} of them without a usable answer.{satellites}"
+    satellites = f" {counted(len(s), 'satellite')} in the archive: {todo}." if s else ""
+    return f"{counted(n, 'campaign')}, {failed} of them without a usable answer.{satellites}"
 
 
 def _satellites(d: Document) -> tuple[Table, ...]:

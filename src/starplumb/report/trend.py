@@ -70,7 +70,7 @@ def _sentence(text: str) -> str:
 def _summary(d: Document) -> str:
     n, first, last = len(d["points"]), d["points"][0]["time"][:10], d["points"][-1]["time"][:10]
     span = f"from {first} to {last}" if first != last else f"of {first}"
-    return f"{n} campaign{'s' * (n != 1)} {span}. {_sentence(d['recommendation']['sentence'])}"
+    return f"{counted(n, 'campaign')} {span}. {_sentence(d['recommendation']['sentence'])}"
 
 
 def _ground(change: Document) -> str:

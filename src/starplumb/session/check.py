@@ -92,10 +92,10 @@ class Check(Shown):
         seen = f"{marks['control']} control and {marks['check']} check marks"
         if marks["detections"]:
             seen = counted(marks["detections"], "detection")
-        sites_seen = f"{_count(sites['count'], 'landmark')} ({len(sites['not_seen'])} not seen)"
+        sites_seen = f"{counted(sites['count'], 'landmark')} ({len(sites['not_seen'])} not seen)"
         each = f"{marks['fewest_in_an_image']} to {marks['most_in_an_image']} in an image"
         lines = [
-            f"{_count(images['count'], 'image')}, {sites_seen}, {seen}, {each}",
+            f"{counted(images['count'], 'image')}, {sites_seen}, {seen}, {each}",
             f"frames: {', '.join(f'{name} {frame}' for name, frame in d['frames'].items())}",
         ]
         if images["speed_m_s"] is not None:
@@ -111,7 +111,7 @@ class Check(Shown):
     def verdict(self) -> str:
         """The last line."""
         if self.problems:
-            return f"{len(self.problems)} problem{'s' * (len(self.problems) > 1)}: not usable as it is"
+            return f"{counted(len(self.problems), 'problem')}: not usable as it is"
         return "usable" + (f"; {len(self.warnings)} to look at" if self.warnings else "")
 
     @property
@@ -203,16 +203,12 @@ def _warnings(loaded: LoadedCampaign, digits: Sequence[Rounding], misfit: dict[s
             )
     usual = "a direction, frame, time or axis is read otherwise than meant; starplumb diagnose tries the usual ones"
     if misfit["behind_the_camera"]:
-        marks = _count(misfit["behind_the_camera"], "mark")
+        marks = counted(misfit["behind_the_camera"], "mark")
         yield f"the model mounting puts {marks} behind the camera: perhaps {usual}"
     elif misfit["median_deg"] is not None and misfit["median_deg"] > FAR_DEG:
         yield (
             f"the model mounting misses its marks by {misfit['median_deg']:.3g} deg: unless it is that far off, {usual}"
         )
-
-
-def _count(n: int, what: str) -> str:
-    return f"{n} {what}{'s' * (n != 1)}"
 
 
 def _digits(loaded: LoadedCampaign) -> list[Rounding]:

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from ...physics.errors import counted
 from ..output import Json, Output, Quiet, Verbose
 from ..usage import WithNumbers
 from . import trends
@@ -202,7 +203,7 @@ def verify(file: File, json: Json = False, quiet: Quiet = False, verbose: Verbos
             f"{left} files in {file.name}.files are of no campaign: an addition was stopped; repeat it"
         )
     n, wrong = found["campaigns"], len(found["faults"])
-    speak.show(f"{n} campaign{'s' * (n != 1)}, {wrong} fault{'s' * (wrong != 1)}", *found["faults"], *lost)
+    speak.show(f"{counted(n, 'campaign')}, {counted(wrong, 'fault')}", *found["faults"], *lost)
     if found["faults"]:
         more = f" and {wrong - 1} more" if wrong > 1 else ""
         raise AlignmentFailed(f"{file}: {found['faults'][0]}{more}, wanted rows as they were added")

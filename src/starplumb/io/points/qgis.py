@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...physics.errors import InputError
+from ...physics.errors import InputError, counted
 from ..tables.read import read_table
 from ..text.files import lines_of, read_text
 from .from_rows import from_rows
@@ -46,7 +46,7 @@ def read_qgis(path: Path, crs: str | None = None) -> GroundPoints:
             Row(where, f"{image}-{table.row_number(i)}", image, x, y, np.nan, column - 0.5, -row - 0.5)
         )
     off = len(table) - len(on)
-    notices = [f"{path}: left out {off} point{'s' * (off != 1)} that QGIS has switched off"] if off else []
+    notices = [f"{path}: left out {counted(off, 'point')} that QGIS has switched off"] if off else []
     return from_rows(path, reference, rows, notices)
 
 

@@ -10,7 +10,7 @@ from itertools import chain, islice
 from pathlib import Path
 from sys import getsizeof
 
-from ...physics.errors import InputError
+from ...physics.errors import InputError, counted
 from .cells import Part, to_numbers, to_texts
 from .schema import Schema
 
@@ -169,7 +169,7 @@ def _transposed(path: Path, block: Block, width: int) -> list[tuple[str, ...]]:
         columns = []
     if len(columns) != width:
         row = next(i for i, cells in enumerate(block.rows) if len(cells) != width)
-        found = f"found {len(block.rows[row])} cell{'s' * (len(block.rows[row]) != 1)}"
+        found = f"found {counted(len(block.rows[row]), 'cell')}"
         hint = " (are there decimal commas?)" if len(block.rows[row]) > width else ""
         raise InputError(f"{path}, row {block.line[row]}: {found}, wanted {width} as in the header{hint}")
     return columns

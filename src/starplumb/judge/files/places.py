@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...physics.earth import C_JT, itrf_to_geodetic
+from ...physics.errors import counted
 from ...physics.units import DEG
 from ...table.campaign import Campaign
 from ...table.observations import Observations
@@ -46,7 +47,7 @@ def _below_horizon(campaign: Campaign, o: Observations) -> Iterator[Evidence]:
     names += [""] * (rows.size - len(names))
     yield Evidence(
         "horizon",
-        f"{rows.size} sighting{'s' * (rows.size > 1)} of landmarks below the horizon of the image: {listed(names)} "
+        f"{counted(rows.size, 'sighting')} of landmarks below the horizon of the image: {listed(names)} "
         f"(the lowest by {-np.arcsin(sine[deepest]) / DEG:.1f} deg); the place, the image's time or the label is wrong",
         "correct or remove these rows",
         weakens=bool(np.any(o.weight[rows] > 0.0)),

@@ -81,7 +81,7 @@ def site_map(c: Calibration, found: tuple[Site, ...]) -> tuple[Figure, ...]:
     west, east, south, north = region(places)
     known = means[np.all(np.isfinite(means), axis=-1)]
     text = (
-        f"The {len(found)} site{'s' * (len(found) != 1)} with the mean error on the ground that is left at each after "
+        f"The {counted(len(found), 'site')} with the mean error on the ground that is left at each after "
         f"the calibration: {length(rms(known))} rms per axis. Coastlines: Natural Earth."
     )
     under: tuple[Mark, ...] = (

@@ -15,7 +15,7 @@ from ...io.archive.conflicts import known
 from ...io.archive.insertion import insert
 from ...io.archive.rows import Entry, Instrument, all_instruments, entries, instruments
 from ...io.tables.cells import PRINTABLE
-from ...physics.errors import ArgumentError
+from ...physics.errors import ArgumentError, counted
 from ...physics.timescales import format_iso
 from ...report.page import Table
 from ..arguments import Positive, Wanted, checked
@@ -306,7 +306,7 @@ class Archive(Shown):
     def sentences(self) -> Sequence[str]:
         found = self.entries
         stand = sum(entry.stands for entry in found)
-        return (f"{len(found)} campaign{'s' * (len(found) != 1)}, {stand} in use",)
+        return (f"{counted(len(found), 'campaign')}, {stand} in use",)
 
 
 def mounting_of(

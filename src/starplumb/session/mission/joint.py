@@ -18,7 +18,7 @@ from ...judge.trust import IMPLAUSIBLE_P, NORMAL_95
 from ...mission.joint import MOUNTING, Equations, Joint, joint, shared_names
 from ...mission.points import Points, points, scatter
 from ...physics import so3
-from ...physics.errors import InputError
+from ...physics.errors import InputError, counted
 from ...physics.timescales import format_iso
 from ...physics.units import ARCSEC
 from ...report.page import Table
@@ -73,7 +73,7 @@ def _again(moments: int) -> tuple[str, ...]:
     if not moments:
         return ()
     return (
-        f"{moments} moment{'s' * (moments != 1)} at which images were taken occur{'s' * (moments == 1)} in several "
+        f"{counted(moments, 'moment')} at which images were taken occur{'s' * (moments == 1)} in several "
         "campaigns: their errors of attitude and orbit count as independent, and the sigmas are too small; wanted one "
         "campaign of all images of a moment",
     )
@@ -170,7 +170,7 @@ class JointSolution(Shown):
         rows.append(("95 % interval, +-", *_fixed(d["interval_95_arcsec"])))
         of = f" of {d['satellite']}" if d["satellite"] else ""
         n = len(d["campaigns"])
-        caption = f"Joint mounting{of} from {d['from']} to {d['to']}, {n} campaign{'s' * (n != 1)}"
+        caption = f"Joint mounting{of} from {d['from']} to {d['to']}, {counted(n, 'campaign')}"
         each = [
             (c["name"], c["first"][:19], *_fixed(c["correction_arcsec"]), *_fixed(c["sigma_arcsec"]))
             for c in d["campaigns"]

@@ -230,9 +230,7 @@ def _cure(found: Choice) -> Iterator[str]:
             f"{float(np.sqrt(other.value)):.3g} m"
         )
         return
-    worth = (
-        f"{best.count} image{'s' * (best.count != 1)} of that kind leave{'s' * (best.count == 1)} {rms:.3g} m"
-    )
+    worth = f"{counted(best.count, 'image')} of that kind leave{'s' * (best.count == 1)} {rms:.3g} m"
     if usual is None:
         yield f"the kind of view that helps most: {best.kind}; {worth}"
         return
